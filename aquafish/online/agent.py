@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.case import TOLERANCE, Case, Moment
+from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import LARGEST, Swimming, imagine, load_library
-from aquafish.online.recognition import GYRO, Hypothesis, Recognised
+from aquafish.online.gaits import MAXIMUM_REFINED_NODES, Swimming, imagine, load_library
+from aquafish.online.recognition import FaultHypothesis, Recognised
 from aquafish.online.self_model import (
     MODEL_ERROR,
     RECOGNISED_ERROR,
@@ -23,7 +23,8 @@ from aquafish.online.self_model import (
     noise_of,
     predict,
 )
-from aquafish.online.watch import ERROR_SCALES, WATER, Calibration, Readings
+from aquafish.online.watch import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
+from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
@@ -42,18 +43,19 @@ from gait.search.evolve import EvolveConfig, evolve_gait
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 
-
-WHOLE = Hypothesis((), ())
-BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``
-OUTAGE = 10  # most actions without any reading before these in which it may have broken, too
-ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
+NO_FAULTS = FaultHypothesis((), ())
+# The number of actions before an alarm in which the robot may have broken, by ``gyro_only``.
+ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
+OUTAGE_ACTIONS = 10  # at most, without any reading, before these: it may have broken in them, too
+SAME_GAIT_DIFFERENCE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 # In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
-# 12 observations, for 50 actions there is no other alarm, and no gait is refined: one that is best
-# on the model by its errors is none on the robot.
-FOREIGN_LATEST, QUIET = 12, 50
-AGAIN = 3.0  # the model's error grows by this with each alarm after the first
-SHORTEST = 2.0  # s: for less no gait is refined
-LONGEST = 60.0  # s for which gaits are compared: to imagine more takes longer than the thinking may
+# 12 observations, for 50 actions there is no other alarm, and no gait is refined: a gait refined on
+# a wrong model does not carry over to the robot.
+FOREIGN_OBSERVATIONS = 12
+QUIET_ACTIONS = 50
+ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
+SHORTEST_REFINEMENT_SECONDS = 2.0
+LONGEST_COMPARISON_SECONDS = 60.0  # a longer one does not end within the time for thinking
 REFINED_GAITS = 6  # of its own, the latest, among which it chooses beside the library's
 
 
@@ -146,18 +148,18 @@ class SelfModelAgent:
         config = self.config
         if fin_angles is not None:
             fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        deaf = np.array([[config.gyro_only] * GYRO.start + [False] * 3])
+        deaf = np.array([[config.gyro_only] * GYRO_CHANNELS.start + [False] * 3])
         noise = np.array([config.gyro_noise])
         whole = replace(self._whole, gyro_noise=noise, sensor_dropped=deaf)
-        self._calibration: Calibration | None = Calibration(whole, fin_angles, self.hold)
+        self._calibration: ErrorCalibration | None = ErrorCalibration(whole, fin_angles, self.hold)
         self.model: SelfModel = self._calibration.model
         self.events: list[Event] = []
         self.recognised: Recognised | None = None
         self._moments: list[Moment] = []
-        self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), WHOLE
+        self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), NO_FAULTS
         self._case: Case | None = None
         self._quiet, self._foreign = 0, False
-        self._readings = Readings(np.isfinite(noise_of(whole)))
+        self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
         self._swimming = Swimming(self.library[0], self.hold)
@@ -233,7 +235,7 @@ class SelfModelAgent:
             if not self._case.due:
                 self._case = None
 
-    def _calibrate(self, calibration: Calibration, moment: Moment) -> None:
+    def _calibrate(self, calibration: ErrorCalibration, moment: Moment) -> None:
         """Measure the model's error, and find where the fins are."""
         unknown = calibration.unknown
         enough = calibration.add(moment.action, moment.observed)
@@ -242,7 +244,7 @@ class SelfModelAgent:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
             self._swimming = Swimming(self.library[0], self.hold)
         self._foreign = calibration.foreign
-        if self._steps == WATER and calibration.other_water:
+        if self._steps == WATER_ACTIONS and calibration.other_water:
             self._log("water", calibration.other_water)
             self._change_gait()
         if enough:
@@ -253,20 +255,20 @@ class SelfModelAgent:
     def _open(self) -> Case:
         """Return the case of an alarm."""
         used = np.isfinite(noise_of(self._intact))
-        exact = not self.config.gyro_noise and self._drift[used].max() < TOLERANCE
-        back = 0 if exact else BACK[self.config.gyro_only]
+        exact = not self.config.gyro_noise and self._drift[used].max() < CHANNEL_TOLERANCE
+        back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
         before, broken = [self.model.robot], [self._broken]
         if self.model.robot is not self._intact:  # what broke may have ended
-            before, broken = [*before, self._intact], [*broken, WHOLE]
+            before, broken = [*before, self._intact], [*broken, NO_FAULTS]
         first = max(len(self._moments) - 1 - back, 0)
-        earliest = max(first - OUTAGE, 0)
+        earliest = max(first - OUTAGE_ACTIONS, 0)
         while first > earliest and not self.model.used(self._moments[first - 1].observed).any():
             first -= 1  # nothing was observed then
-        self._quiet = self._steps + QUIET
+        self._quiet = self._steps + QUIET_ACTIONS
         if any(event.what == "alarm" for event in self.events):
             most = ERROR_SCALES[-1] * MODEL_ERROR
-            self.model.model_error = np.minimum(AGAIN * self.model.model_error, most)
-        due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_LATEST]
+            self.model.model_error = np.minimum(ERROR_GROWTH * self.model.model_error, most)
+        due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_OBSERVATIONS]
         return Case(self._steps, before, broken, first, due or [1])
 
     def _infer(self, case: Case) -> None:
@@ -325,7 +327,7 @@ class SelfModelAgent:
     def _left(self, actions: int) -> float:
         """Return for how long, s, gaits are compared that begin some actions from now."""
         left = self.config.seconds - (self._steps + actions) * self.dt
-        return min(left, LONGEST)
+        return min(left, LONGEST_COMPARISON_SECONDS)
 
     def _refine(self) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done."""
@@ -333,14 +335,14 @@ class SelfModelAgent:
         self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
         actions = self._actions(config.refinement_seconds)
         left = self._left(actions)
-        if not self._rounds or left < SHORTEST:
+        if not self._rounds or left < SHORTEST_REFINEMENT_SECONDS:
             return
         self._rounds -= 1
         until = actions + round(left / self.dt)
         state, expected = self._swimming.ahead(self.model, actions, until)
         first = self.gait
-        if len(first.bias) > LARGEST:
-            small = [gait for gait in self._gaits if len(gait.bias) <= LARGEST]
+        if len(first.bias) > MAXIMUM_REFINED_NODES:
+            small = [gait for gait in self._gaits if len(gait.bias) <= MAXIMUM_REFINED_NODES]
             if not small:
                 return
             first = small[int(imagine(small, robot, state, left).argmax())]
@@ -379,7 +381,7 @@ def _alike(one: Scenario, other: Scenario) -> bool:
     """Whether two robots need no different gaits: their sizes and gains are alike."""
     sizes = np.abs(one.body - other.body).max()
     gains = np.abs(one.servo_gain - other.servo_gain).max()
-    return bool(max(sizes, gains) <= ALIKE)
+    return bool(max(sizes, gains) <= SAME_GAIT_DIFFERENCE)
 
 
 def _with_directions(readings: Floats) -> Floats:

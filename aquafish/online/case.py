@@ -8,15 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish.online.recognition import GYRO, Hypothesis, Recognised, recognise
+from aquafish.online.recognition import FaultHypothesis, Recognised, recognise
 from aquafish.online.self_model import predict
+from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
-SETTLED = 10  # actions after an alarm from which on what was inferred is trusted
+SETTLED_CASE_ACTIONS = 10  # after an alarm, from which on the inferred fault is trusted
 # A channel is broken if its rms error is more than this, and than these multiples of the model's
 # own error and of the gyroscope's noise.
-TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 3.0
+CHANNEL_TOLERANCE = 0.02
+DRIFT_RATIO = 3.0
+NOISE_RATIO = 3.0
 
 
 class Moment(NamedTuple):
@@ -33,13 +36,13 @@ class Case:
 
     step: int  #: The number of actions before the alarm.
     before: Sequence[Scenario]  #: What the robot may have been, the present belief first.
-    broken: Sequence[Hypothesis]  #: What is broken of each in ``before``.
+    broken: Sequence[FaultHypothesis]  #: What is broken of each in ``before``.
     first: int  #: The first moment at which it may have broken.
     due: list[int]  #: Numbers of observations from the alarm on with which to infer again.
 
     def settled(self, step: int) -> bool:
         """Whether an alarm at a step means another fault rather than a wrong belief."""
-        return step - self.step >= SETTLED
+        return step - self.step >= SETTLED_CASE_ACTIONS
 
     def is_due(self, step: int) -> bool:
         """Return whether the robot is inferred now, and count that as done."""
@@ -63,7 +66,7 @@ class Case:
         states = [moments[0].state]
         for action in actions[: self.step - self.first]:
             states.append(predict(self.before[0], states[-1], action[None], hold)[1][:, 0])
-        tolerance = np.maximum(DRIFTS * drift, TOLERANCE)
-        tolerance[GYRO] = np.maximum(tolerance[GYRO], NOISES * gyro_noise)
+        tolerance = np.maximum(DRIFT_RATIO * drift, CHANNEL_TOLERANCE)
+        tolerance[GYRO_CHANNELS] = np.maximum(tolerance[GYRO_CHANNELS], NOISE_RATIO * gyro_noise)
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
         return replace(found, hypothesis=self.broken[found.before].then(found.hypothesis))

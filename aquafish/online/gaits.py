@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.online.self_model import SelfModel, observe, predict
+from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import TIMESTEP, Scenario
@@ -19,8 +19,8 @@ from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller, program_of
 from gait.scores.fitness import swim_scores
 
-SCHEMA = "aquafish.library/1"
-LARGEST = 30  # nodes of a network that CMA-ES refines in a second
+LIBRARY_SCHEMA = "aquafish.library/1"
+MAXIMUM_REFINED_NODES = 30  # nodes of a network that CMA-ES refines in a second
 
 
 def read_library(path: Path | None = None) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def read_library(path: Path | None = None) -> dict[str, Any]:
     It is the packaged one for None. ``experiments.gaits.library`` made that.
     """
     if path is not None:
-        return read_document(path, SCHEMA, "library")
-    return read_packaged("aquafish.online", "library.json", SCHEMA)
+        return read_document(path, LIBRARY_SCHEMA, "library")
+    return read_packaged("aquafish.online", "library.json", LIBRARY_SCHEMA)
 
 
 def load_library(path: Path | None = None) -> list[Controller]:
@@ -71,16 +71,18 @@ class Swimming:
 
         Both are counted from now.
         """
-        memory, y, then = list(self._memory), FIELDS["position"].start + 1, model.state
-        state = then
+        memory = list(self._memory)
+        y = FIELDS["position"].start + 1
+        state = then = model.state
         for k in range(until):
-            then = state if k <= actions else then
+            if k <= actions:
+                then = state
             action = self._act(state, memory, self._actions + k).astype(float)
             state = predict(model.robot, state, action[None], model.hold)[1][:, 0]
         return then, float(state[y] - then[y])
 
     def _act(self, state: Floats, memory: list[float], number: int) -> NDArray[np.float32]:
-        seen, seconds = observe(state[:, None])[0].tolist(), number * self._dt
+        seen, seconds = imu_readings(state[:, None])[0].tolist(), number * self._dt
         fins = (angles_of_rows(state) / TAU).tolist()
         action = self._function(
             *self._network, memory, 0, 1, seconds, seen[:3], seen[3:6], seen[6:], fins, [0.0] * 3

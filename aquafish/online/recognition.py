@@ -1,7 +1,7 @@
-"""Recognising in mid-swim what broke: hypotheses in the words of damage, all in one batch.
+"""Recognising in mid-swim what broke: all hypotheses are simulated in one batch.
 
-A hypothesis is one or two words about fins, with numbers. Each makes another robot, simulated from
-the state before the change through the robot's own actions; the numbers of the best are narrowed.
+A hypothesis is one fault, or two: on different fins, or two sizes of one fin. It is simulated from
+the state before the change, with the robot's own actions. The numbers of the best are narrowed.
 A broken sensor deviates under every hypothesis. So each channel's own error is profiled out of the
 likelihood, and a broken one costs all hypotheses alike; K is the number of observations::
 
@@ -18,15 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish.online.self_model import FLOOR, noise_of, predict
+from aquafish.online.self_model import LEAST_OBSERVATION_SD, noise_of, predict
 from aquafish_gym.damage.faults import break_fin
+from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
-#: The numbers of each word that are tried first.
-GRID: dict[str, tuple[float, ...]] = {
+#: The numbers of each fault that are tried first.
+FIRST_NUMBERS: dict[str, tuple[float, ...]] = {
     "length": (0.12, 0.2, 0.28, 0.36, 0.45, 0.55, 0.65, 0.75, 0.85),
     "width": (0.12, 0.28, 0.45, 0.55, 0.65, 0.75, 0.85),
     "entangled": (0.12, 0.25, 0.4, 0.6, 0.8, 1.0),
@@ -35,40 +36,47 @@ GRID: dict[str, tuple[float, ...]] = {
     "reversed": (0.0,),
     "seized": (0.0,),
 }
-RANGES = {  # of the numbers of words that have one
+NUMBER_RANGES = {  # of faults that have a number
     "length": (0.02, 0.98),
     "width": (0.02, 0.98),
     "entangled": (0.02, 1.0),
     "weak": (0.02, 0.98),
 }
-WORD_COST, NUMBER_COST, BIAS_COST = 2.0, 1.0, 4.0  # minus the log prior of each
-COMPARED = 15  # actions over which all hypotheses are compared
-NARROWED, LATER = 16, 4  # how many are narrowed, and after two rounds
-ROUNDS, SPACING, SHRINK = 6, 0.12, 2.6
+# Minus the log prior of each fault, number and bias.
+WORD_COST = 2.0
+NUMBER_COST = 1.0
+BIAS_COST = 4.0
+COMPARED_ACTIONS = 15  # over which all hypotheses are compared
+NARROWED_HYPOTHESES = 16  # in the first two rounds
+LATE_HYPOTHESES = 4  # in later rounds
+NARROWING_ROUNDS = 6
+FIRST_SPACING = 0.12  # of the numbers that are tried
+SPACING_RATIO = 2.6  # of the spacing in a round to that in the next
 STENCIL = np.array([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])
-STEADY = 0.3  # of a bias: a smaller deviation about it is a bias
-WHITE = 0.4  # correlation of an error with the one before: less is noise
-SLACK = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
-LOUD = 5.0  # of chance's 1.4: the sum of N squared errors in standard deviations is N +- sqrt(2 N)
-FEWEST, FEWEST_WHITE = 3, 8  # observations that show a bias or a stuck channel; and noise
-GYRO = slice(6, 9)
-POSES = 16  # of each fin, from which its initial angle is narrowed
-SENSORS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
+BIAS_DEVIATION = 0.3  # errors that deviate less from their mean, relative to it, are a bias
+NOISE_CORRELATION = 0.4  # errors that correlate less with the one before are noise
+TOLERATED_NOISE = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
+# By chance the sum of N squared errors, in standard deviations, is N +- 1.4 sqrt(N).
+NOISE_EXCESS = 5.0
+FEWEST_OBSERVATIONS = 3  # that show a bias or a stuck channel
+FEWEST_NOISE_OBSERVATIONS = 8  # that show noise
+POSES_PER_FIN = 16  # from which its initial angle is narrowed
+SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
 
 
-class Hypothesis(NamedTuple):
+class FaultHypothesis(NamedTuple):
     """What may have broken: words about fins, and their numbers."""
 
     words: tuple[tuple[str, str], ...]  #: (fin, word) each.
     numbers: tuple[float, ...]  #: As many; 0 of a word that has none.
 
-    def then(self, other: Hypothesis) -> Hypothesis:
+    def then(self, other: FaultHypothesis) -> FaultHypothesis:
         """Return both: what broke before, and what broke then."""
-        return Hypothesis(self.words + other.words, self.numbers + other.numbers)
+        return FaultHypothesis(self.words + other.words, self.numbers + other.numbers)
 
     def __str__(self) -> str:
         parts = [
-            f"{fin}:{word}" + (f"={number:.3g}" if word in RANGES else "")
+            f"{fin}:{word}" + (f"={number:.3g}" if word in NUMBER_RANGES else "")
             for (fin, word), number in zip(self.words, self.numbers, strict=True)
         ]
         return "; ".join(parts) or "none"
@@ -94,7 +102,7 @@ class Recognised:
         The best hypotheses of different words, the likeliest first.
     """
 
-    hypothesis: Hypothesis
+    hypothesis: FaultHypothesis
     before: int
     sensors: tuple[str, ...]
     robot: Scenario
@@ -106,13 +114,13 @@ class Recognised:
 class Alternative(NamedTuple):
     """What may have broken, and how likely that is among the alternatives."""
 
-    hypothesis: Hypothesis
+    hypothesis: FaultHypothesis
     #: Likelihood times prior at the best numbers, relative to the sum over the alternatives.
     weight: float
     robot: Scenario  #: What it would be: a scenario of one.
 
 
-def broken(robot: Scenario, hypotheses: Sequence[Hypothesis]) -> Scenario:
+def broken(robot: Scenario, hypotheses: Sequence[FaultHypothesis]) -> Scenario:
     """Return the N robots that hypotheses make of one; those of the same words side by side."""
     robots = robot.take(np.zeros(len(hypotheses), np.intp))
     first = 0
@@ -130,9 +138,9 @@ def broken(robot: Scenario, hypotheses: Sequence[Hypothesis]) -> Scenario:
 
 
 @cache
-def all_hypotheses() -> tuple[Hypothesis, ...]:
+def all_hypotheses() -> tuple[FaultHypothesis, ...]:
     """Return nothing broken, each word, two words about two fins, and two sizes of one fin."""
-    singles = [(fin, word) for fin in FINS for word in GRID]
+    singles = [(fin, word) for fin in FINS for word in FIRST_NUMBERS]
     apart = [pair for pair in combinations(singles, 2) if pair[0][0] != pair[1][0]]
     together = [
         ((fin, one), (fin, other))
@@ -141,14 +149,14 @@ def all_hypotheses() -> tuple[Hypothesis, ...]:
     ]
     shapes = [(), *((one,) for one in singles), *apart, *together]
     return tuple(
-        Hypothesis(words, numbers)
+        FaultHypothesis(words, numbers)
         for words in shapes
-        for numbers in product(*(GRID[word] for _, word in words))
+        for numbers in product(*(FIRST_NUMBERS[word] for _, word in words))
     )
 
 
-def _prior_cost(hypothesis: Hypothesis) -> float:
-    numbers = sum(word in RANGES for _, word in hypothesis.words)
+def _prior_cost(hypothesis: FaultHypothesis) -> float:
+    numbers = sum(word in NUMBER_RANGES for _, word in hypothesis.words)
     return WORD_COST * len(hypothesis.words) + NUMBER_COST * numbers
 
 
@@ -193,15 +201,18 @@ def recognise(
 
     # Compare all, then narrow the numbers of the best. Until a later onset the robot was as before.
     cases = [(b, onset) for b in range(len(before)) for onset in range(len(states))]
-    until, prior = COMPARED + len(states), np.array([_prior_cost(one) for one in everything])
+    until, prior = (
+        COMPARED_ACTIONS + len(states),
+        np.array([_prior_cost(one) for one in everything]),
+    )
     earlier = [float(costs(before[0], 0, 0, k)[0]) if k else 0.0 for k in range(len(states))]
     banks = [broken(robot, everything) for robot in before]
     first = np.array([costs(banks[b], b, k, until) + prior + earlier[k] for b, k in cases])
-    order = np.argsort(first, axis=None, kind="stable")[:NARROWED]
+    order = np.argsort(first, axis=None, kind="stable")[:NARROWED_HYPOTHESES]
     chosen = [(i // len(everything), everything[i % len(everything)]) for i in order.tolist()]
-    spacing = SPACING
-    best: dict[Hypothesis, tuple[float, int, Hypothesis]] = {}  # by their words
-    for turn in range(ROUNDS):
+    spacing = FIRST_SPACING
+    best: dict[FaultHypothesis, tuple[float, int, FaultHypothesis]] = {}  # by their words
+    for turn in range(NARROWING_ROUNDS):
         ends = []
         for case in sorted({case for case, _ in chosen}):
             (b, onset), ones = cases[case], [one for which, one in chosen if which == case]
@@ -216,12 +227,12 @@ def recognise(
         for end in ends:
             key = end[2]._replace(numbers=())
             best[key] = min(end, best.get(key, end), key=lambda one: one[0])
-        chosen = [end[1:] for end in ends[: NARROWED if turn < 1 else LATER]]
-        spacing /= SHRINK
+        chosen = [end[1:] for end in ends[: NARROWED_HYPOTHESES if turn < 1 else LATE_HYPOTHESES]]
+        spacing /= SPACING_RATIO
     case, hypothesis = chosen[0]
     b, onset = cases[case]
     robot = broken(before[b], [hypothesis])
-    robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSORS})
+    robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSOR_FIELDS})
     predicted, ended = predict(robot, states[onset], actions[onset:], hold)
     used = np.isfinite(noise) & np.isfinite(observed).any(axis=0)
     errors = np.where(used, observed[onset:] - predicted[0], 0.0)
@@ -235,7 +246,7 @@ def recognise(
 
 
 def _alternatives(
-    found: list[tuple[float, int, Hypothesis]], before: Sequence[Scenario]
+    found: list[tuple[float, int, FaultHypothesis]], before: Sequence[Scenario]
 ) -> tuple[Alternative, ...]:
     """Return hypotheses about robots ``before`` with their weights, of costs in nats."""
     found = sorted(found, key=lambda one: one[0])
@@ -256,14 +267,14 @@ def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
     seen = np.isfinite(observed)
     used = np.isfinite(noise) & seen.any(axis=0)
     seen, count = seen[:, used], seen[:, used].sum(axis=0)
-    variance = np.square(noise[used]) + FLOOR**2
+    variance = np.square(noise[used]) + LEAST_OBSERVATION_SD**2
     errors = predicted[:, :, used] - observed[:, used]
     errors[:, ~seen] = 0.0
     squares = np.square(errors).sum(axis=1)
     found = 0.5 * count * np.log(variance + squares / count)
     around = squares - count * np.square(errors.sum(axis=1) / count)
     biased = 0.5 * count * np.log(variance + around / count)
-    biased += np.where(count >= FEWEST, BIAS_COST + 0.5 * np.log(count), np.inf)
+    biased += np.where(count >= FEWEST_OBSERVATIONS, BIAS_COST + 0.5 * np.log(count), np.inf)
     found = np.minimum(found, biased)
     total: Floats = found.sum(axis=1)
     return np.where(np.isfinite(total), total, np.inf)
@@ -277,11 +288,11 @@ def find_fins(
     ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
     each of its actions (K, 3).
     """
-    turn = 2 * np.pi * np.arange(POSES) / POSES
+    turn = 2 * np.pi * np.arange(POSES_PER_FIN) / POSES_PER_FIN
     spacing, grid, stencil = turn[1], np.stack(np.meshgrid(turn, turn, turn), -1), np.arange(-1, 2)
     around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
     poses: Floats = grid.reshape(-1, 3)
-    for _ in range(ROUNDS):
+    for _ in range(NARROWING_ROUNDS):
         costs = np.min(
             [
                 mismatch(
@@ -295,7 +306,7 @@ def find_fins(
             ],
             axis=0,
         )
-        best = poses[np.argsort(costs, kind="stable")[:NARROWED]]
+        best = poses[np.argsort(costs, kind="stable")[:NARROWED_HYPOTHESES]]
         spacing /= 2
         poses = (best[:, None] + spacing * around).reshape(-1, 3)
     found: Floats = best[0]
@@ -309,10 +320,10 @@ def _repeated(observed: Floats) -> tuple[Flags, Flags]:
     """
     silent, zero = np.zeros((2, observed.shape[1]), np.bool_)
     for i, column in enumerate(observed.T):
-        last = column[np.isfinite(column)][-FEWEST:]
+        last = column[np.isfinite(column)][-FEWEST_OBSERVATIONS:]
         if len(last):
             zero[i] = last[-1] == 0.0
-            silent[i] = (last == last[-1]).all() if len(last) == FEWEST else zero[i]
+            silent[i] = (last == last[-1]).all() if len(last) == FEWEST_OBSERVATIONS else zero[i]
     return silent, zero
 
 
@@ -330,16 +341,23 @@ def _with_sensors(
     mean = errors.sum(axis=0) / count
     deviation = np.sqrt((np.square(errors - mean) * seen).sum(axis=0) / count)
     off = ~silent & (np.sqrt(np.square(errors).sum(axis=0) / count) > tolerance)
-    biased = off & (deviation < STEADY * np.abs(mean)) & (count >= FEWEST)
+    biased = off & (deviation < BIAS_DEVIATION * np.abs(mean)) & (count >= FEWEST_OBSERVATIONS)
     odd, words = off & ~biased, list[str]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
-    heard = ~(silent | biased)[GYRO] & np.isfinite(expected[GYRO]) & seen[:, GYRO].any(axis=0)
-    gyro, size = errors[:, GYRO][:, heard], int(seen[:, GYRO][:, heard].sum())
-    if gyro.shape[1] >= 2 and size >= FEWEST_WHITE * gyro.shape[1]:
-        power, usual = np.square(gyro).sum(), np.hypot(expected, SLACK * tolerance)[GYRO][heard]
-        louder = power > np.square(usual).mean() * (size + LOUD * size**0.5)
-        if louder and (gyro[1:] * gyro[:-1]).sum() < WHITE * power:  # white
-            noise, odd[GYRO] = np.sqrt(power / size).reshape(1), False
+    heard = (
+        ~(silent | biased)[GYRO_CHANNELS]
+        & np.isfinite(expected[GYRO_CHANNELS])
+        & seen[:, GYRO_CHANNELS].any(axis=0)
+    )
+    gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
+    if gyro.shape[1] >= 2 and size >= FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
+        power, usual = (
+            np.square(gyro).sum(),
+            np.hypot(expected, TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard],
+        )
+        louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
+        if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
+            noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
             words = [f"gyro:noise={noise[0]:.3g}"]
     kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
     for name, flags in kinds.items():
@@ -354,11 +372,11 @@ def _with_sensors(
     return replace(robot, **sensors), tuple(words), int(odd.sum())
 
 
-def _around(hypothesis: Hypothesis, spacing: float) -> list[Hypothesis]:
+def _around(hypothesis: FaultHypothesis, spacing: float) -> list[FaultHypothesis]:
     """Return a hypothesis with its numbers on a grid about them."""
     axes = [
-        np.unique(np.clip(number + spacing * STENCIL, *RANGES[word])).tolist()
-        if word in RANGES
+        np.unique(np.clip(number + spacing * STENCIL, *NUMBER_RANGES[word])).tolist()
+        if word in NUMBER_RANGES
         else [number]
         for (_, word), number in zip(hypothesis.words, hypothesis.numbers, strict=True)
     ]

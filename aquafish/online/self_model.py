@@ -18,6 +18,7 @@ from aquafish_gym.physics.layout import (
     FIELDS,
     LEFT,
     RATES,
+    STATE_ROWS,
     angles_of_rows,
     start_rows,
     state_from_numbers,
@@ -33,12 +34,14 @@ from aquafish_gym.utils.validation import (
     real_array,
 )
 
-ROWS = max(rows.stop for rows in FIELDS.values())  # of a state
-MAXIMUM_HOLD = 1000  # physics steps of an action
+MAXIMUM_ACTION_STEPS = 1000  # of 0.01 s
 
 
-SIZE = 12  # of the error of a state
-ATTITUDE, VELOCITY, SPIN, FINS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+ERROR_SIZE = 12  # of the error of a state
+ATTITUDE_ERRORS = slice(0, 3)
+VELOCITY_ERRORS = slice(3, 6)
+SPIN_ERRORS = slice(6, 9)
+FIN_ERRORS = slice(9, 12)
 #: Standard deviations (12,) that the model's own error adds in an action: rad, units/s, rad/s, rad.
 MODEL_ERROR: Floats = np.repeat([1e-5, 1e-4, 1e-4, 1e-5], 3)
 #: The same of a robot that was recognised, whose numbers are not exact.
@@ -46,8 +49,10 @@ RECOGNISED_ERROR: Floats = np.repeat([1e-4, 1e-3, 1e-3, 5e-4], 3)
 #: Of the state at the start: a robot at rest moves against water that may flow.
 START_ERROR: Floats = np.repeat([1e-4, 0.2, 1e-4, 1e-4], 3)
 #: Standard deviation of an observation without noise, for rounding and single precision.
-FLOOR = 2e-4
-_POINTS: Floats = np.sqrt(SIZE) * np.concatenate([np.eye(SIZE), -np.eye(SIZE)])  # (24, 12)
+LEAST_OBSERVATION_SD = 2e-4
+_POINTS: Floats = np.sqrt(ERROR_SIZE) * np.concatenate(
+    [np.eye(ERROR_SIZE), -np.eye(ERROR_SIZE)]
+)  # (24, 12)
 
 
 class SelfModel:
@@ -94,10 +99,10 @@ class SelfModel:
         if len(instance("robot", robot, Scenario)) != 1:
             raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        self.model_error = finite_array("model_error", model_error, (SIZE,), 0.0)
-        self.hold = integer("hold", hold, 1, MAXIMUM_HOLD)
+        self.model_error = finite_array("model_error", model_error, (ERROR_SIZE,), 0.0)
+        self.hold = integer("hold", hold, 1, MAXIMUM_ACTION_STEPS)
         self.covariance: Floats = np.diag(
-            finite_array("start_error", start_error, (SIZE,), 0.0) ** 2
+            finite_array("start_error", start_error, (ERROR_SIZE,), 0.0) ** 2
         )
         self.log_likelihood = 0.0
         self.become(robot, start_rows(angles[None])[:, 0])
@@ -105,18 +110,18 @@ class SelfModel:
     def become(self, robot: Scenario, state: Floats) -> None:
         """Replace the robot and its state (25,); keep the covariance."""
         self.robot, self.state, self.noise = robot, state, noise_of(robot)
-        points = np.zeros(2 * SIZE + 1, np.intp)
+        points = np.zeros(2 * ERROR_SIZE + 1, np.intp)
         self._lanes = LaneBatch(robot.take(points), np.float64, threads=1)
 
     def step(self, action: ArrayLike) -> None:
         """Predict the state after an action (3,) in [-1, 1]."""
         action = finite_array("action", action, (3,))
         spread = _POINTS @ np.linalg.cholesky(self.covariance).T
-        points = moved(self.state, np.concatenate([np.zeros((1, SIZE)), spread]))
+        points = moved(self.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
         self._lanes.place(points)
         self._lanes.advance(np.tile(scale_action(action), (points.shape[1], 1)), self.hold)
         ended = self._lanes.rows()
-        errors = difference(ended[:, 1:], ended[:, 0])
+        errors = state_errors(ended[:, 1:], ended[:, 0])
         mean = errors.mean(axis=0)
         self.state = moved(ended[:, 0], mean[None])[:, 0]
         errors -= mean
@@ -142,7 +147,7 @@ class SelfModel:
         for field, most in (("velocity", MAXIMUM_CURRENT), ("spin", MAXIMUM_SPIN)):
             self.state[FIELDS[field]] = self.state[FIELDS[field]].clip(-most, most)
         left = self.covariance - gain @ cross.T
-        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(SIZE)
+        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(ERROR_SIZE)
         square = float(innovation @ np.linalg.solve(covariance, innovation))
         self.log_likelihood -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
         return square
@@ -162,10 +167,10 @@ class SelfModel:
         """
         used = self.used(observed)
         errors = _POINTS @ np.linalg.cholesky(self.covariance).T
-        seen = observe(moved(self.state, errors))
+        seen = imu_readings(moved(self.state, errors))
         mean = seen.mean(axis=0)
         seen = np.where(used, seen - mean, 0.0)
-        noise = np.where(used, np.hypot(self.noise, FLOOR), 1.0)
+        noise = np.where(used, np.hypot(self.noise, LEAST_OBSERVATION_SD), 1.0)
         covariance = seen.T @ seen / len(errors) + np.diag(noise**2)
         innovation = np.where(used, observed - self.robot.sensor_bias[0] - mean, 0.0)
         return errors, seen, covariance, innovation
@@ -181,18 +186,18 @@ def predict(
     """
     count = len(instance("robots", robots, Scenario))
     actions = finite_array("actions", actions, (None, 3))
-    integer("hold", hold, 1, MAXIMUM_HOLD)
-    states = real_array("states", states, f"({ROWS}, {count})")
-    if states.shape not in ((ROWS,), (ROWS, 1), (ROWS, count)):
+    integer("hold", hold, 1, MAXIMUM_ACTION_STEPS)
+    states = real_array("states", states, f"({STATE_ROWS}, {count})")
+    if states.shape not in ((STATE_ROWS,), (STATE_ROWS, 1), (STATE_ROWS, count)):
         raise InvalidArgumentError(
-            f"states must have shape ({ROWS},) or ({ROWS}, {count}); got {states.shape}"
+            f"states must have shape ({STATE_ROWS},) or ({STATE_ROWS}, {count}); got {states.shape}"
         )
     lanes = LaneBatch(robots, threads=1)
     lanes.place(np.broadcast_to(states.reshape(len(states), -1), (len(states), len(robots))))
     observed = np.empty((len(robots), len(actions), 9))
     for k, command in enumerate(scale_action(actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)
-        observed[:, k] = observe(lanes.rows())
+        observed[:, k] = imu_readings(lanes.rows())
     return observed, lanes.rows()
 
 
@@ -205,7 +210,7 @@ def noise_of(robot: Scenario) -> Floats:
     return np.where(lost, np.inf, np.repeat([0.0, 0.0, robot.gyro_noise[0]], 3))
 
 
-def observe(states: Floats) -> Floats:
+def imu_readings(states: Floats) -> Floats:
     """Return what the inertial measurement unit observes, (N, 9), in states (25, N)."""
     return np.array(imu(state_from_numbers(states))).T
 
@@ -214,16 +219,16 @@ def moved(state: Floats, errors: Floats) -> Floats:
     """Return states (25, N) that differ from one (25,) by errors (N, 12)."""
     states = np.repeat(state[:, None], len(errors), axis=1)
     turned = Rotation.from_quat(state[FIELDS["orientation"]])
-    turned *= Rotation.from_rotvec(errors[:, ATTITUDE])
+    turned *= Rotation.from_rotvec(errors[:, ATTITUDE_ERRORS])
     states[FIELDS["orientation"]] = turned.as_quat().T
-    states[FIELDS["velocity"]] += errors[:, VELOCITY].T
-    states[FIELDS["spin"]] += errors[:, SPIN].T
-    angles = angles_of_rows(state)[:, None] + errors[:, FINS].T
+    states[FIELDS["velocity"]] += errors[:, VELOCITY_ERRORS].T
+    states[FIELDS["spin"]] += errors[:, SPIN_ERRORS].T
+    angles = angles_of_rows(state)[:, None] + errors[:, FIN_ERRORS].T
     states[LEFT:RATES:2], states[LEFT + 1 : RATES : 2] = np.cos(angles), np.sin(angles)
     return states
 
 
-def difference(states: Floats, state: Floats) -> Floats:
+def state_errors(states: Floats, state: Floats) -> Floats:
     """Return the errors (N, 12) by which states (25, N) differ from one (25,)."""
     before = Rotation.from_quat(state[FIELDS["orientation"]])
     turn = before.inv() * Rotation.from_quat(states[FIELDS["orientation"]].T)

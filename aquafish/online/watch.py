@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import Moment
 from aquafish.online.recognition import find_fins
-from aquafish.online.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
+from aquafish.online.self_model import (
+    FIN_ERRORS,
+    LEAST_OBSERVATION_SD,
+    MODEL_ERROR,
+    START_ERROR,
+    SelfModel,
+    predict,
+)
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
@@ -22,32 +29,37 @@ from aquafish_gym.utils.validation import (
     spelled,
 )
 
-WINDOWS = (1, 2, 4, 8, 16)  # actions over which surprise is summed
-ALARM = 1e-7  # probability of a false alarm in each window and action, of a model without error
+WINDOWS = (1, 2, 4, 8, 16)  # actions over which squared innovations are summed
+# The probability of a false alarm in each window and action, of a model without error.
+ACTION_ALARM_PROBABILITY = 1e-7
 # An alarm needs this many times the greatest surprise that was seen while nothing broke: in water
 # that the model describes, and in foreign water.
-MARGIN, FOREIGN_MARGIN = 2.0, 5.0
-FOUND, FOUND_ERROR = 5, 0.2  # actions after which unknown fin angles are found, and within how much
-WATER, CALIBRATION = 25, 50  # actions after which the water is known, and the model's error
-SETTLED = 10  # actions after which the filter has forgotten how it began
-SILENT = 3  # actions without a reading, from which on a channel is said to give none
-GLITCH = 10.0  # standard deviations from which on one reading alone is none
+SURPRISE_MARGIN = 2.0
+FOREIGN_SURPRISE_MARGIN = 5.0
+FIN_ANGLE_ACTIONS = 5  # after which unknown fin angles are found
+FIN_ANGLE_ERROR = 0.2  # rad, of the angles that are found
+WATER_ACTIONS = 25  # after which the water is known
+CALIBRATION_ACTIONS = 50  # after which the model's error is known
+SETTLED_ACTIONS = 10  # after which the filter has forgotten its initial state
+SILENT_ACTIONS = 3  # after which a channel without a reading is reported
+GLITCH_SDS = 10.0  # from which a single reading is a glitch, and is ignored
 ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # of ``MODEL_ERROR``
-FOREIGN = 100.0  # least error scale in water that the model does not describe
+FOREIGN_ERROR_SCALE = 100.0  # least error scale in water that the model does not describe
 WATERS = (False, True)  # without and with added mass
 DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag that foreign water may have
-AHEAD, EVERY = 10, 5  # open-loop predictions: how many actions, and how often
+PREDICTED_ACTIONS = 10  # in each open-loop prediction
+PREDICTION_INTERVAL = 5  # actions between two open-loop predictions
 
 
 @dataclass
-class Watch:
+class SurpriseMonitor:
     """Sums of squared innovations over windows.
 
     An alarm needs more than chance explains, and more than was ever seen while nothing broke: in
     water that the model does not know, its error is no noise.
     """
 
-    margin: float = MARGIN
+    margin: float = SURPRISE_MARGIN
     squares: list[float] = field(default_factory=list)
     used: list[int] = field(default_factory=list)
     highest: dict[int, float] = field(default_factory=dict)
@@ -80,7 +92,7 @@ class Watch:
         self.used.clear()
 
 
-class Readings:
+class ReadingHistory:
     """The last two readings of each sensor channel, and for how many actions it has given none.
 
     ``expected`` (9,) are the channels that should give readings.
@@ -103,7 +115,7 @@ class Readings:
         fresh = np.isfinite(observed)
         self._last[:, fresh] = self._last[1, fresh], observed[fresh]
         self._silence = np.where(fresh, 0, self._silence + 1)
-        new = self._expected & (self._silence == SILENT) & (self._longest < SILENT)
+        new = self._expected & (self._silence == SILENT_ACTIONS) & (self._longest < SILENT_ACTIONS)
         self._longest = np.maximum(self._longest, self._silence)
         return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]
 
@@ -112,10 +124,10 @@ class Readings:
 def _by_chance(freedom: int) -> float:
     from scipy.stats import chi2  # slow to import
 
-    return float(chi2.isf(ALARM, freedom)) if freedom else 0.0
+    return float(chi2.isf(ACTION_ALARM_PROBABILITY, freedom)) if freedom else 0.0
 
 
-class Calibration:
+class ErrorCalibration:
     """Measures the model's error in the first ten seconds, in which nothing may break.
 
     Filters with several model errors, in water without and with added mass, run side by side; the
@@ -172,7 +184,7 @@ class Calibration:
     @property
     def foreign(self) -> bool:
         """Whether the water seems to be another than the model's."""
-        return bool(self.model.model_error[0] >= FOREIGN * MODEL_ERROR[0])
+        return bool(self.model.model_error[0] >= FOREIGN_ERROR_SCALE * MODEL_ERROR[0])
 
     def add(self, action: Floats, observed: Floats) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether that is enough."""
@@ -187,17 +199,19 @@ class Calibration:
         past.append((action, observed))
         self._step(action, observed)
         heard = sum(bool(np.isfinite(seen).any()) for _, seen in past)
-        if self.unknown and heard == FOUND:
+        if self.unknown and heard == FIN_ANGLE_ACTIONS:
             self.unknown, self._start_error = False, START_ERROR.copy()
-            self._start_error[FINS] = FOUND_ERROR
+            self._start_error[FIN_ERRORS] = FIN_ANGLE_ERROR
             actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
             self._begin()
-        elif len(past) in (WATER, CALIBRATION) and self.foreign and not self._fitted:
+        elif (
+            len(past) in (WATER_ACTIONS, CALIBRATION_ACTIONS) and self.foreign and not self._fitted
+        ):
             robot, self._fitted = self.model.robot, True
             self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
             self._begin()
-        return len(past) == CALIBRATION
+        return len(past) == CALIBRATION_ACTIONS
 
     def _step(self, action: Floats, observed: Floats) -> None:
         states = [model.state for model in self._models]
@@ -209,7 +223,7 @@ class Calibration:
         ):
             moments.append(Moment(state, action, observed))
             squares.append((model.correct(observed), int(model.used(observed).sum())))
-            if len(moments) == SETTLED:
+            if len(moments) == SETTLED_ACTIONS:
                 model.log_likelihood = 0.0
 
     def _without_glitches(self, observed: Floats) -> Floats:
@@ -217,17 +231,19 @@ class Calibration:
         if self.unknown:
             return observed
         surprise = np.min([model.surprise(observed) for model in self._models], axis=0)
-        before, self._surprising = self._surprising, surprise > GLITCH
+        before, self._surprising = self._surprising, surprise > GLITCH_SDS
         return np.where(self._surprising & ~before, np.nan, observed)
 
-    def finish(self) -> tuple[Watch, Floats]:
+    def finish(self) -> tuple[SurpriseMonitor, Floats]:
         """Return a watch, and the rms error (9,) of open-loop predictions, without the noise."""
         model, moments, errors = self.model, self._moments[self.best], []
-        watch = Watch(FOREIGN_MARGIN if self.foreign else MARGIN)
-        for square, used in self._squares[self.best][SETTLED:]:
+        watch = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if self.foreign else SURPRISE_MARGIN)
+        for square, used in self._squares[self.best][SETTLED_ACTIONS:]:
             watch.add(square, used, calm=True)
-        for first in range(SETTLED, len(moments) - AHEAD + 1, EVERY):
-            part = moments[first : first + AHEAD]
+        for first in range(
+            SETTLED_ACTIONS, len(moments) - PREDICTED_ACTIONS + 1, PREDICTION_INTERVAL
+        ):
+            part = moments[first : first + PREDICTED_ACTIONS]
             actions = np.array([moment.action for moment in part])
             predicted, _ = predict(model.robot, part[0].state, actions, self._hold)
             errors.append(predicted[0] - np.array([moment.observed for moment in part]))
@@ -236,4 +252,4 @@ class Calibration:
         mean = np.square(np.where(seen, errors, 0.0)).sum(axis=(0, 1)) / np.maximum(count, 1)
         mean[count == 0] = mean.max()  # of a channel that was never observed
         noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
-        return watch, np.sqrt(np.maximum(mean - noise**2, FLOOR**2))
+        return watch, np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from aquafish.recovery.page import damage_in_words, shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
-from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
+from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
 from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.rendering import Camera, film, render_pose
@@ -40,10 +40,10 @@ COLOURS = {
     "oracle": "#009e73",
     "oracle-fins": "#00523c",
 }
-LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
+TREATMENT_LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
 ON_THE_PAGE = ("sizes", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
-AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+REST_POSE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 FILM_FPS = 10.0
 FILM_SPEED = 2.0  # times real time
@@ -62,7 +62,7 @@ def draw_all(
         "bodies": bodies_figure(job, outcomes),
         "sizes": sizes_figure(job, outcomes),
         "paths": paths_figure(outcomes),
-        "fitness": fitness_figure(job.target, outcomes),
+        "fitness": treatment_fitness_figure(job.target, outcomes),
         "distances": distances_figure(outcomes),
     }
     names = []
@@ -86,11 +86,11 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     figure = new_figure(2.63 * len(bodies), 3.5, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
-        axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
+        axes.imshow(render_pose(body, REST_POSE, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
         axes.set_title("the damaged robot\nbroken fin in yellow")
         if name != "target":
             fit = outcomes[name][shown]["objective_fitness"]
-            axes.set_title(f"{LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
+            axes.set_title(f"{TREATMENT_LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
     return figure
 
@@ -112,12 +112,14 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     if interval := joint["interval"]:
         ends = [Morphology.coerce(interval[end]).to_array() / whole for end in ("low", "high")]
         low, high = np.minimum(ends[0], middle), np.maximum(ends[1], middle)
-        mass = f"{interval['mass']:.0%} interval of {LABELS['joint']}"
+        mass = f"{interval['mass']:.0%} interval of {TREATMENT_LABELS['joint']}"
         axes.hlines(rows, 100 * low, 100 * high, COLOURS["joint"], lw=8, alpha=0.4, label=mass)
         columns += [low, high]
-    axes.plot(100 * middle, rows, ".", color=COLOURS["joint"], label=LABELS["joint"])
+    axes.plot(100 * middle, rows, ".", color=COLOURS["joint"], label=TREATMENT_LABELS["joint"])
     blue = COLOURS["out-of-band"]
-    axes.plot(100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=LABELS["out-of-band"])
+    axes.plot(
+        100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=TREATMENT_LABELS["out-of-band"]
+    )
     axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
     axes.set_yticks(rows, [f"{FIN_WORDS[d.fin]} {d.size}" for d in DIMENSIONS])
     for row, values in zip(rows, 100 * np.column_stack(columns), strict=True):
@@ -137,7 +139,7 @@ def paths_figure(outcomes: Outcomes) -> Figure:
         draw_trajectories(swims | {"target": shown_swim(outcomes, name, "target")}, axes)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
-        axes.set_title(LABELS[name], color=COLOURS[name])
+        axes.set_title(TREATMENT_LABELS[name], color=COLOURS[name])
     return figure
 
 
@@ -145,7 +147,7 @@ def shown_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
     return path_from_dict(outcomes[treatment][shown_replicate(outcomes)]["swims"][body])
 
 
-def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
+def treatment_fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     """Draw OBJ_FIT and MOD_FIT against trials for each self-model."""
     figure = new_figure(9.0, 3.8, DPI)
     panels = figure.subplots(1, 2)
@@ -154,13 +156,15 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
         "model_fitness": "MOD_FIT: fit to the measured signal",
     }
     for axes, (field, title) in zip(panels, titles.items(), strict=True):
-        for name in dict.fromkeys(MODELLED.values()):  # joint and joint-fins share a self-model
+        for name in dict.fromkeys(
+            MODEL_CONDITIONS.values()
+        ):  # joint and joint-fins share a self-model
             curves = np.array([[r[field] for r in o["rounds"]] for o in outcomes[name]])
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
                 axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
             mean = curves.mean(axis=0)
-            axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=LABELS[name])
+            axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=TREATMENT_LABELS[name])
         axes.set_title(title)
         axes.set_xlabel("trials on the robot")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -206,7 +210,7 @@ def distances_figure(outcomes: Outcomes) -> Figure:
     _legend_above(axes)
     axes.axvline(0, color="0.6", lw=0.8)
     axes.grid(axis="x", color="0.92")
-    axes.set_yticks(places, list(LABELS.values()))
+    axes.set_yticks(places, list(TREATMENT_LABELS.values()))
     several = "replicates" if count > 1 else "replicate"
     axes.set_xlabel(f"distance forward on the damaged robot, cm; {count} {several}")
     return figure

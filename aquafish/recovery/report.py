@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.recovery.treatment import MODELLED, TREATMENTS
+from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS
 from aquafish_gym.runs.markdown import markdown_table
 from eea.study.statistics import (
     FEWEST_VALUES,
@@ -20,19 +20,19 @@ UNIT_IN_M = 0.05
 HELD_OUT = "held-out"  # instead of a damage, if each replicate has another one
 # Recovered gaits against the old one and one for any damage, joint inference against the paper's
 # method, with against without known fins, and each oracle against its self-model.
-RECOVERED = ("swims-on", "joint-fins", "joint", "out-of-band")
-COMPARISONS = (
-    *((ours, other) for ours in RECOVERED for other in ("undamaged", "randomised")),
+RECOVERY_TREATMENTS = ("swims-on", "joint-fins", "joint", "out-of-band")
+TREATMENT_COMPARISONS = (
+    *((ours, other) for ours in RECOVERY_TREATMENTS for other in ("undamaged", "randomised")),
     ("joint", "out-of-band"),
     ("joint-fins", "joint"),
-    *((TREATMENTS[ours].oracle, ours) for ours in RECOVERED),
+    *((TREATMENTS[ours].oracle, ours) for ours in RECOVERY_TREATMENTS),
 )
 SHARES = ("share_of_oracle", "share_of_oracle_random_poses")
 MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
 LONG_FIELDS = ("rounds", "generations", "controller", "swims", "bodies")  # not in the report
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome for each replicate
-Table = list[list[str]]  # a table with its header
+TextTable = list[list[str]]  # a table with its header
 
 
 def build_report(
@@ -60,10 +60,13 @@ def build_report(
         "paired": [
             {"measure": measure, "first": first, "second": second}
             | paired_difference(
-                *({o["seed"]: distances(o)[measure] for o in outcomes[t]} for t in (first, second))
+                *(
+                    {o["seed"]: outcome_distances(o)[measure] for o in outcomes[t]}
+                    for t in (first, second)
+                )
             )
             for measure in MEASURES
-            for first, second in COMPARISONS
+            for first, second in TREATMENT_COMPARISONS
             if first in outcomes and second in outcomes
         ],
         "replicates": {
@@ -77,7 +80,7 @@ def build_report(
     }
 
 
-def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
+def outcome_distances(outcome: Mapping[str, Any]) -> dict[str, float]:
     """Return an outcome's four distances in units: by body, from zero and from random poses."""
     return {
         "native_distance": outcome["native_distance"],
@@ -105,7 +108,9 @@ def _summary(config: Mapping[str, Any], outcomes: Outcomes, name: str) -> dict[s
     A share is the ratio of the mean distances: a mean of ratios would be ruled by one slow oracle.
     """
     ours, best = outcomes[name], outcomes[TREATMENTS[name].oracle]
-    columns = {field: [distances(o)[field] for o in ours] for field in distances(ours[0])}
+    columns = {
+        field: [outcome_distances(o)[field] for o in ours] for field in outcome_distances(ours[0])
+    }
     fitness = [o["objective_fitness"] for o in ours]
     if None not in fitness:
         columns = {"objective_fitness": fitness} | columns
@@ -116,7 +121,7 @@ def _summary(config: Mapping[str, Any], outcomes: Outcomes, name: str) -> dict[s
     row |= {field: found["mean"] for field, found in spread.items()}
     for suffix in ("", "_random_poses"):
         field, share = f"target_distance{suffix}", f"share_of_oracle{suffix}"
-        reached = [distances(o)[field] for o in best]
+        reached = [outcome_distances(o)[field] for o in best]
         defined = np.mean(reached) > 0
         row[share] = row[field] / float(np.mean(reached)) if defined else None
         spread[share] = {"interval": ratio_interval(columns[field], reached) if defined else None}
@@ -128,9 +133,9 @@ def _trials(config: Mapping[str, Any], name: str) -> int:
     """Return the number of trials or swims on the damaged robot in a treatment."""
     if name == "direct":
         return _swims(config, config["gait_direct"]["generations"] + 1)
-    if name not in MODELLED:
+    if name not in MODEL_CONDITIONS:
         return 0
-    joint = MODELLED[name] == "joint"
+    joint = MODEL_CONDITIONS[name] == "joint"
     trials: int = config["joint_rounds"] if joint else config["eea"]["rounds"]
     return trials
 
@@ -150,7 +155,7 @@ def _robot_hours(config: Mapping[str, Any], outcomes: Outcomes) -> list[float | 
     """
     hours: list[float | None] = []
     for direct, joint in zip(outcomes["direct"], outcomes["joint"], strict=True):
-        wanted = distances(joint)["target_distance_random_poses"]
+        wanted = outcome_distances(joint)["target_distance_random_poses"]
         finals = _finals(direct)
         rows = next((i for i, final in enumerate(finals, 1) if final >= wanted), None)
         seconds = config["transfer"]["seconds"]
@@ -211,7 +216,7 @@ def headline(report: dict[str, Any]) -> list[str]:
     count, rows = len(report["seeds"]), report["treatments"]
     wins = {(r["first"], r["second"], r["measure"]): r["wins"] for r in report["paired"]}
     found = []
-    for ours in (name for name in RECOVERED if name in rows):
+    for ours in (name for name in RECOVERY_TREATMENTS if name in rows):
         old, any_damage = (
             " and ".join(f"{wins[ours, other, measure]} of {count}" for measure in MEASURES)
             for other in ("undamaged", "randomised")
@@ -245,7 +250,7 @@ def _share_in_words(row: Mapping[str, Any]) -> str:
     return f"{text} ({('neither', 'one', 'both')[apart]} significantly different from 100%)"
 
 
-def _main_rows(treatments: dict[str, Any], intervals: bool) -> Table:
+def _main_rows(treatments: dict[str, Any], intervals: bool) -> TextTable:
     columns = (  # field, header, form
         ("trials", "trials", "d"),
         ("objective_fitness", "OBJ_FIT", ".3f"),
@@ -263,7 +268,7 @@ def _main_rows(treatments: dict[str, Any], intervals: bool) -> Table:
     return rows
 
 
-def _paired_rows(rows: list[dict[str, Any]]) -> Table:
+def _paired_rows(rows: list[dict[str, Any]]) -> TextTable:
     return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
         [
             f"{row['first']}, {MEASURES[row['measure']]}",

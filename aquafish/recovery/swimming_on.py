@@ -19,7 +19,7 @@ from gait.controllers.controller import Controller
 from gait.scores.rollout import random_poses
 from gait.scores.transfer import TransferConfig
 
-ONSET = 12.0  # s; in the first ten the agent measures its model's error
+ONSET_SECONDS = 12.0  # s; in the first ten the agent measures its model's error
 
 
 def swim_on(
@@ -39,9 +39,9 @@ def swim_on(
         would swim on the self-model from the last state in ``config.seconds``, and how far the
         robot swam after the damage; NaN if it diverged.
     """
-    faults = [replace(fault, onset=ONSET) for fault in damage]
+    faults = [replace(fault, onset=ONSET_SECONDS) for fault in damage]
     faults += [Fault("gyro", "noise", noise)] if noise else []
-    end = ONSET + config.seconds
+    end = ONSET_SECONDS + config.seconds
     task = SwimForward(seconds=0.2 * math.ceil(end / 0.2 - 1e-9))
     env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task)
     settings = AgentConfig(end, gyro_noise=noise, gyro_only=True, refinements=1, seed=config.seed)
@@ -55,7 +55,7 @@ def swim_on(
         while not (over or diverged):
             observation, _, diverged, over, info = env.step(agent.act(observation))
             way.append(info["y_position"])
-        first, last = np.interp((ONSET, end), env.dt * np.arange(len(way)), way)
+        first, last = np.interp((ONSET_SECONDS, end), env.dt * np.arange(len(way)), way)
         target.append(math.nan if diverged else last - first)
         model = agent.model
         native.append(imagine([agent.gait], model.robot, model.state, config.seconds)[0])

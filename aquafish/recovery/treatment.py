@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from aquafish.recovery.swimming_on import ONSET, swim_on
+from aquafish.recovery.swimming_on import ONSET_SECONDS, swim_on
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
@@ -25,10 +25,10 @@ from gait.scores.rollout import Swim
 from gait.scores.transfer import TransferConfig, transfer
 from gait.search.evolve import EvolveConfig, damaged_at_random, evolve_gait
 
-BODIES = 50  # of a posterior's sample, or randomly damaged, that one gait is evolved for
-MASS = 0.9  # of the posterior intervals in an outcome
-PATH = ("time", "position", "quaternion", "fin_angles")
-DECIMALS = 6  # of a path's numbers, as many as a float32 holds
+EVOLVED_BODIES = 50  # from a posterior, or randomly damaged, for each of which a gait is scored
+OUTCOME_MASS = 0.9  # of the posterior intervals in an outcome
+PATH_FIELDS = ("time", "position", "quaternion", "fin_angles")
+PATH_DECIMALS = 6  # of a path's numbers, as many as a float32 holds
 
 
 class TreatmentSpec(NamedTuple):
@@ -90,11 +90,11 @@ TREATMENTS: dict[str, TreatmentSpec] = {
     ),
     "swims-on": TreatmentSpec(
         "swims on",
-        f"the robot breaks after {ONSET:g} s of swimming, recognises from its gyroscope and its "
-        "actions what broke, and changes its gait without stopping, from one of a library to its "
-        "refinement for the time that is left; the distance counts from the damage on, in the "
-        "same seconds, time for thinking included, with the speed that it has; OBJ_FIT from the "
-        "zero pose, *own model* its last gait from its last state",
+        f"the robot breaks after {ONSET_SECONDS:g} s of swimming. It recognises what broke from "
+        "its gyroscope and its actions, and changes its gait without stopping: first to one of a "
+        "library, then to a refinement of it. The distance counts from the damage on, with the "
+        "speed of that moment and with the time for thinking. OBJ_FIT is from the zero pose; *own "
+        "model* is the last gait from the last state",
         "fins",
         oracle="oracle-fins",
         online=True,
@@ -110,7 +110,9 @@ TREATMENTS: dict[str, TreatmentSpec] = {
         oracle="oracle-fins",
     ),
 }  # fmt: skip
-MODELLED: dict[str, Condition] = {name: s.model for name, s in TREATMENTS.items() if s.model}
+MODEL_CONDITIONS: dict[str, Condition] = {
+    name: s.model for name, s in TREATMENTS.items() if s.model
+}
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ class Treatment:
         return self.damage.apply(self.morphology)
 
 
-class Model(NamedTuple):
+class AssumedRobot(NamedTuple):
     """The body that a treatment assumes."""
 
     body: Morphology
@@ -177,12 +179,12 @@ def treat(job: Treatment) -> dict[str, Any]:
         ``findings``, ``verdict``, the ``bodies`` that the gait is for, and ``fins``, the estimated
         angles after the last trial with their errors, rad; the gait's ``generations``; the
         ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
-        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose. A robot that
-        swims on has neither generations nor these.
+        pose; ``diverged``; ``swims``, body -> ``PATH_FIELDS`` of the swim from the zero pose. A
+        robot that swims on has neither generations nor these.
     """
     if job.spec.online:
         body, gait, *far = swim_on(job.morphology, job.damage, job.transfer, job.gyro_noise)
-        outcome = _outcome(job, Model(body, []), gait, *far)
+        outcome = _outcome(job, AssumedRobot(body, []), gait, *far)
         return {**outcome, "generations": [], "swims": {}}
     model = _model(job)
     # A sample needs random poses; without any, the gait is for the one body.
@@ -204,7 +206,7 @@ def treat(job: Treatment) -> dict[str, Any]:
 
 
 def _outcome(
-    job: Treatment, model: Model, controller: Controller, native: Floats, target: Floats
+    job: Treatment, model: AssumedRobot, controller: Controller, native: Floats, target: Floats
 ) -> dict[str, Any]:
     """Return an outcome's common part; distances (1 + poses,) from the zero pose and others."""
     fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_problem().models)
@@ -226,12 +228,14 @@ def _outcome(
     }
 
 
-def _model(job: Treatment) -> Model:
+def _model(job: Treatment) -> AssumedRobot:
     """Return the body that the treatment assumes, or infer it in trials on the robot."""
     if job.spec.model is None:
         body = job.target if job.spec.body == "true" else job.morphology
-        others = damaged_at_random(body, BODIES - 1, job.seed) if job.spec.body == "any" else []
-        return Model(body, [body, *others], [])
+        others = (
+            damaged_at_random(body, EVOLVED_BODIES - 1, job.seed) if job.spec.body == "any" else []
+        )
+        return AssumedRobot(body, [body, *others], [])
     config = job.eea
     if job.spec.model != "joint":
         assert isinstance(config, PaperConfig)
@@ -247,11 +251,11 @@ def _model(job: Treatment) -> Model:
     result = method.result
     body = Morphology.from_array(result.body)
     if result.belief is None:
-        return Model(body, [body], rounds)
-    bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]
+        return AssumedRobot(body, [body], rounds)
+    bodies = [Morphology.from_array(sizes) for sizes in result.sample(EVOLVED_BODIES, job.seed)]
     posterior, fins = _posterior(result, body.to_array(), target.start_angles, config.steps)
     posterior["bodies"] = [one.to_dict() for one in bodies]
-    return Model(body, bodies, rounds, posterior, fins)
+    return AssumedRobot(body, bodies, rounds, posterior, fins)
 
 
 def _posterior(
@@ -265,10 +269,10 @@ def _posterior(
     assert result.belief is not None
     interval = None
     if result.belief.good:
-        low, high = result.interval(MASS)
+        low, high = result.interval(OUTCOME_MASS)
         ends = {"low": np.minimum(low, body), "high": np.maximum(high, body)}
         bodies = {name: Morphology.from_array(end).to_dict() for name, end in ends.items()}
-        interval = {"mass": MASS, **bodies}
+        interval = {"mass": OUTCOME_MASS, **bodies}
     fins, turned = fins_after(result), np.array(result.rounds[-1].command) * steps * TIMESTEP
     error = wrap(fins.angles - start_angles - TAU * turned)
     posterior = {
@@ -309,14 +313,14 @@ def _finite(distances: Floats) -> list[float]:
 def _path_to_dict(swim: Swim) -> dict[str, Any]:
     """Return a swim as lists; a sample that is not finite repeats the last finite one."""
     path = {}
-    for name in PATH:
+    for name in PATH_FIELDS:
         samples = getattr(swim, name)
         good = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1)
         last = np.maximum.accumulate(np.where(good, np.arange(len(samples)), 0))
-        path[name] = samples[last].round(DECIMALS).tolist()
+        path[name] = samples[last].round(PATH_DECIMALS).tolist()
     return path
 
 
 def path_from_dict(path: dict[str, Any]) -> Swim:
     """Return the swim in an outcome's ``swims``."""
-    return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH))
+    return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH_FIELDS))

@@ -11,9 +11,9 @@ from tyro.conf import arg
 
 from aquafish.online.gaits import load_library
 from aquafish.viewer.live import (
-    MAXIMUM_ROBOTS,
+    MAXIMUM_VIEWED_ROBOTS,
     LiveSwim,
-    Pilot,
+    ViewerPilot,
     gait_pilot,
     pilot_of,
     random_pilot,
@@ -53,12 +53,12 @@ class View:
                 f"gyro_only must be false with {self.robots} robots: it is of the self-model, "
                 "which steers one robot"
             )
-        integer("robots", self.robots, 1, MAXIMUM_ROBOTS)
+        integer("robots", self.robots, 1, MAXIMUM_VIEWED_ROBOTS)
         integer("port", self.port, 1, 65535)
 
-    def pilots(self) -> dict[str, Pilot]:
+    def pilots(self) -> dict[str, ViewerPilot]:
         """Return what can steer, by name."""
-        found: dict[str, Pilot] = {}
+        found: dict[str, ViewerPilot] = {}
         if self.policy is not None:
             try:
                 policy = resolve_name(self.policy)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.self_model import SIZE, moved, predict
+from aquafish.online.self_model import ERROR_SIZE, moved, predict
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
@@ -31,36 +31,36 @@ from gait.controllers.pilots import Pilot as Agent
 from gait.controllers.pilots import make_pilot
 from gait.scores.rollout import held_steps
 
-MAXIMUM_ROBOTS = 64
-MAXIMUM_FAULTS = 30  # of a robot
-UPDATE = 5  # steps of 0.01 s in an update
+MAXIMUM_VIEWED_ROBOTS = 64
+MAXIMUM_VIEWED_FAULTS = 30  # of a robot
+UPDATE_STEPS = 5  # steps of 0.01 s in an update
 LONGEST_STRIKE = 2.0  # s of delay for which what was before a strike is kept
-HORIZON = 20.0  # s ahead for which the self-model agent chooses a gait
-SAMPLES = 12  # of what the self-model may be
-_DRAWS: Floats = np.random.default_rng(0).standard_normal((SAMPLES, SIZE))
+GAIT_HORIZON_SECONDS = 20.0  # for which the self-model agent chooses a gait
+BELIEF_SAMPLES = 12  # of what the self-model may be
+_DRAWS: Floats = np.random.default_rng(0).standard_normal((BELIEF_SAMPLES, ERROR_SIZE))
 _NOTHING: Wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-class Pilot(NamedTuple):
+class ViewerPilot(NamedTuple):
     """An agent, and for how many steps of 0.01 s its actions are held."""
 
     agent: Agent
     interval: int
 
 
-def pilot_of(steers: object) -> Pilot:
+def pilot_of(steers: object) -> ViewerPilot:
     """Return a pilot of whatever steers robots; see ``gait.controllers.pilots.KINDS``."""
     interval = held_steps(steers)
-    return Pilot(make_pilot(steers, interval, interval * TIMESTEP, "policy"), interval)
+    return ViewerPilot(make_pilot(steers, interval, interval * TIMESTEP, "policy"), interval)
 
 
-def random_pilot(seed: int) -> Pilot:
+def random_pilot(seed: int) -> ViewerPilot:
     """Return a pilot whose actions are uniformly random."""
     rng = np.random.default_rng(seed)
     return pilot_of(lambda observations: rng.uniform(-1.0, 1.0, (len(observations), 3)))
 
 
-def gait_pilot(gait: Controller) -> Pilot:
+def gait_pilot(gait: Controller) -> ViewerPilot:
     """Return a pilot that swims a gait."""
     if gait.senses.goal:
         raise InvalidArgumentError("the gait must have no goal: the viewer's water has none")
@@ -87,13 +87,13 @@ class LiveSwim:
 
     def __init__(
         self,
-        pilot: Pilot,
+        pilot: ViewerPilot,
         count: int = 1,
         damage: str = "none",
         gyro_noise: float = 0.0,
         seed: int = 0,
     ) -> None:
-        self.count = integer("robots", count, 1, MAXIMUM_ROBOTS)
+        self.count = integer("robots", count, 1, MAXIMUM_VIEWED_ROBOTS)
         self._damage, self._rng = Damage.parse(damage), np.random.default_rng(seed)
         self._sizes, self._current = Morphology.nominal().to_array(), np.zeros(3)
         self._noise = check_row("gyro_noise", gyro_noise)
@@ -101,7 +101,7 @@ class LiveSwim:
         self.pilot = pilot
         self.reset()
 
-    def reset(self, pilot: Pilot | None = None) -> None:
+    def reset(self, pilot: ViewerPilot | None = None) -> None:
         """Begin again at the start line, at rest, with the damage of the start."""
         self.pilot = pilot or self.pilot
         self.steps, self.held = 0, 0
@@ -109,7 +109,7 @@ class LiveSwim:
         self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
         self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
         # A fault that strikes in mid-swim finds what was said and asked before.
-        self._stride = math.gcd(self.pilot.interval, UPDATE)
+        self._stride = math.gcd(self.pilot.interval, UPDATE_STEPS)
         dt = TIMESTEP * self._stride
         self._sensors = Sensors(self.count, dt=dt)
         self._sensors.remember(LONGEST_STRIKE)
@@ -154,9 +154,9 @@ class LiveSwim:
             drawn = wanted.sample(self._rng)
             later = [replace(f, onset=f.span[0] + self.seconds) for f in drawn]
             damages[robot] = Damage((*damages[robot].faults, *later))
-            if len(damages[robot].faults) > MAXIMUM_FAULTS:
+            if len(damages[robot].faults) > MAXIMUM_VIEWED_FAULTS:
                 raise InvalidArgumentError(
-                    f"a robot may have at most {MAXIMUM_FAULTS} faults; repair it first"
+                    f"a robot may have at most {MAXIMUM_VIEWED_FAULTS} faults; repair it first"
                 )
             damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
             damages[robot].check_steps(TIMESTEP * self._stride)
@@ -182,7 +182,7 @@ class LiveSwim:
         """
         interval, stride = self.pilot.interval, self._stride
         self._become()
-        for _ in range(updates * UPDATE // stride):
+        for _ in range(updates * UPDATE_STEPS // stride):
             if self.steps % interval == 0:
                 self._steer()
             asked = scale_action(self.actions)
@@ -198,7 +198,7 @@ class LiveSwim:
     def _steer(self) -> None:
         agent = self.pilot.agent
         if isinstance(agent, SelfModelAgent):
-            agent.config = replace(agent.config, seconds=self.seconds + HORIZON)
+            agent.config = replace(agent.config, seconds=self.seconds + GAIT_HORIZON_SECONDS)
         actions = np.asarray(agent.act(self.observed), float).reshape(self.count, -1)
         self.actions = np.clip(finite_array("actions", actions, (self.count, 3)), -1.0, 1.0)
         self.held = 0
@@ -259,12 +259,14 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Fl
     """
     model = agent.model
     spread = _DRAWS @ np.linalg.cholesky(model.covariance).T
-    states = moved(model.state, np.concatenate([np.zeros((1, SIZE)), spread]))
-    robots = [model.robot] * (1 + SAMPLES)
+    states = moved(model.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
+    robots = [model.robot] * (1 + BELIEF_SAMPLES)
     if agent.recognised is not None:
         several = agent.recognised.alternatives
         shares = np.cumsum([one.weight for one in several])
-        at = np.searchsorted(shares, shares[-1] * (np.arange(SAMPLES) + 0.5) / SAMPLES)
+        at = np.searchsorted(
+            shares, shares[-1] * (np.arange(BELIEF_SAMPLES) + 0.5) / BELIEF_SAMPLES
+        )
         robots[1:] = [several[i].robot for i in at.tolist()]
     together = Scenario.concatenate([replace(one, reactive=model.robot.reactive) for one in robots])
     if held:
@@ -272,8 +274,12 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Fl
     return together.body, states
 
 
-def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:
+def self_model_pilot(
+    gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0
+) -> ViewerPilot:
     """Return a pilot that models itself, with the packaged library of gaits."""
-    settings = AgentConfig(HORIZON, gyro_noise=gyro_noise, gyro_only=gyro_only, seed=seed)
+    settings = AgentConfig(
+        GAIT_HORIZON_SECONDS, gyro_noise=gyro_noise, gyro_only=gyro_only, seed=seed
+    )
     agent = SelfModelAgent(config=settings)
-    return Pilot(agent, agent.hold)
+    return ViewerPilot(agent, agent.hold)

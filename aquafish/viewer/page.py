@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import SelfModelAgent
-from aquafish.online.self_model import ATTITUDE, VELOCITY
-from aquafish.online.self_model import FINS as FIN_ANGLES
-from aquafish.online.watch import CALIBRATION
+from aquafish.online.self_model import ATTITUDE_ERRORS, FIN_ERRORS, VELOCITY_ERRORS
+from aquafish.online.watch import CALIBRATION_ACTIONS
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded
-from aquafish.viewer.live import SAMPLES, UPDATE, LiveSwim, Pilot
+from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish_gym.damage import Fault
 from aquafish_gym.damage.faults import PARTS
@@ -33,16 +32,19 @@ from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
 
 MN_PER_UNIT = 6.25
-MOST_TODO = 20  # requests between two updates
-PERIOD = UPDATE * TIMESTEP  # s, of an update
-ROW, LANE = 9.0, 5.0  # between the start places of a batch, along y and x, units
-BESIDE = 3.5  # the ghost is drawn this far to the right of the fish
-TRACE, TRAIL = 200, 400  # updates of the gyroscope's traces and of trails
-BLINK = 4  # updates between those of text, traces and trails
-POSITION = FIELDS["position"]
-GHOST, ARROWS, TRAILS = (120, 70, 200), (230, 120, 0), (0, 90, 140)
-AXES = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
-FAULTS = [word for word in PARTS["caudal"] if word != "thickness"]
+MAXIMUM_REQUESTS = 20  # requests between two updates
+UPDATE_SECONDS = UPDATE_STEPS * TIMESTEP
+ROW_SPACING = 9.0  # between the start places of a batch along y, units
+LANE_SPACING = 5.0  # the same along x
+GHOST_DISTANCE = 3.5  # the ghost is drawn this far to the right of the fish
+TRACE_UPDATES = 200  # that the gyroscope's traces show
+TRAIL_UPDATES = 400  # that a trail shows
+TEXT_UPDATES = 4  # updates between those of text, traces and trails
+GHOST_COLOUR = (120, 70, 200)
+ARROW_COLOUR = (230, 120, 0)
+TRAIL_COLOUR = (0, 90, 140)
+AXIS_COLOURS = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
+FAULT_WORDS = [word for word in PARTS["caudal"] if word != "thickness"]
 
 
 def viser_module() -> Any:
@@ -72,10 +74,10 @@ class Viewer:
         Of the page at 127.0.0.1; the next free one is taken.
     """
 
-    def __init__(self, swim: LiveSwim, pilots: Mapping[str, Pilot], port: int = 8080) -> None:
+    def __init__(self, swim: LiveSwim, pilots: Mapping[str, ViewerPilot], port: int = 8080) -> None:
         self.swim, self._pilots, self._chosen = swim, dict(pilots), next(iter(pilots))
         self._viser = viser_module()
-        self._todo: queue.Queue[Callable[[], None]] = queue.Queue(MOST_TODO)
+        self._todo: queue.Queue[Callable[[], None]] = queue.Queue(MAXIMUM_REQUESTS)
         self._updates, self._owed = 0, 0.0
         self._controls: dict[str, Any] = {}  # by the identifiers that the page sends
         self._clickable: dict[str, int] = {}
@@ -86,7 +88,11 @@ class Viewer:
         columns = math.ceil(math.sqrt(swim.count))
         number = np.arange(swim.count)
         self._starts = np.array(
-            [(number % columns) * LANE, -(number // columns) * ROW, np.zeros(swim.count)]
+            [
+                (number % columns) * LANE_SPACING,
+                -(number // columns) * ROW_SPACING,
+                np.zeros(swim.count),
+            ]
         )
         self._build_scene(columns)
         self._build_controls()
@@ -117,23 +123,28 @@ class Viewer:
         alike = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
         several, samples = (
             DrawnRobots(*(np.repeat(field, count, axis=0) for field in alike))
-            for count in (self.swim.count, SAMPLES)
+            for count in (self.swim.count, BELIEF_SAMPLES)
         )
         self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
         self._clickable[self.robots.boxes.name] = self.swim.count * len(BOXES)
-        self.ghost = Shapes(api, "/world/ghost", alike, GHOST, 0.5)
-        self.samples = Shapes(api, "/world/samples", samples, GHOST, 0.12)
+        self.ghost = Shapes(api, "/world/ghost", alike, GHOST_COLOUR, 0.5)
+        self.samples = Shapes(api, "/world/samples", samples, GHOST_COLOUR, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
         self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
         nothing = np.zeros((4, 2, 3), np.float32)
         self.arrows = api.add_arrows(
-            "/world/forces", nothing, ARROWS, shaft_radius=0.04, head_radius=0.1, head_length=0.2
+            "/world/forces",
+            nothing,
+            ARROW_COLOUR,
+            shaft_radius=0.04,
+            head_radius=0.1,
+            head_length=0.2,
         )
         self.trail = api.add_line_segments(
-            "/world/trail", nothing, TRAILS, thickness=2.5, thickness_units="screen"
+            "/world/trail", nothing, TRAIL_COLOUR, thickness=2.5, thickness_units="screen"
         )
-        wide = LANE * columns
+        wide = LANE_SPACING * columns
         camera = self.server.initial_camera
         camera.position = (
             (-4.0, -8.5, 7.0) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
@@ -144,7 +155,10 @@ class Viewer:
         gui, swim, series = self.server.gui, self.swim, self._viser.uplot.Series
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 90, 140))
         self.reading = gui.add_markdown("")
-        lines = [series(label="s"), *(series(label=n, stroke=c, width=1.5) for n, c in AXES)]
+        lines = [
+            series(label="s"),
+            *(series(label=n, stroke=c, width=1.5) for n, c in AXIS_COLOURS),
+        ]
         self.traces = gui.add_uplot(
             tuple(np.zeros((4, 2))), tuple(lines), title="gyroscope, rad/s", aspect=1.9,
             scales={"x": {"time": False}}, legend={"live": False},
@@ -159,7 +173,7 @@ class Viewer:
             )
         with gui.add_folder("Damage"):
             self.fin = gui.add_dropdown("fin", FINS)
-            self.fault = gui.add_dropdown("fault", FAULTS)
+            self.fault = gui.add_dropdown("fault", FAULT_WORDS)
             self.amount = gui.add_slider("number", 0.0, 1.0, 0.05, 0.5)
             self.everyone = gui.add_checkbox("all robots", False, visible=swim.count > 1)
             self.break_it = gui.add_button("break it", color="red", hint="Or click a fin.")
@@ -210,7 +224,9 @@ class Viewer:
     def calibrates_for(self) -> float:
         """How long the self-model still measures its error, in which nothing may break, s."""
         agent = self.agent
-        return 0.0 if agent is None else max(0.0, CALIBRATION * agent.dt - self.swim.seconds)
+        return (
+            0.0 if agent is None else max(0.0, CALIBRATION_ACTIONS * agent.dt - self.swim.seconds)
+        )
 
     def _targets(self) -> list[int] | None:
         return None if self.everyone.value else [self.number.value - 1]
@@ -255,7 +271,7 @@ class Viewer:
 
     def _clear(self) -> None:
         self._problem = ""
-        self._past: deque[Floats] = deque(maxlen=max(TRACE, TRAIL))
+        self._past: deque[Floats] = deque(maxlen=max(TRACE_UPDATES, TRAIL_UPDATES))
 
     def update(self) -> None:
         """Do what the controls ask, swim on, and draw."""
@@ -282,14 +298,14 @@ class Viewer:
 
     def _places(self) -> Floats:
         """Return where robots are drawn, (3, B)."""
-        places: Floats = self.swim.states[POSITION] + self._starts
+        places: Floats = self.swim.states[FIELDS["position"]] + self._starts
         return places
 
     def draw(self) -> None:
         """Send what has changed to the page."""
         swim, me = self.swim, self.number.value - 1
         states = swim.states.copy()
-        states[POSITION] = places = self._places()
+        states[FIELDS["position"]] = places = self._places()
         with self.server.atomic():
             broken = [[fin in swim.broken(i) for fin in FINS] for i in range(swim.count)]
             robots = robots_in(states, swim.robots.body, broken)
@@ -304,7 +320,7 @@ class Viewer:
                 self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()
             self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
-            if self._updates % BLINK == 0:
+            if self._updates % TEXT_UPDATES == 0:
                 self._draw_past(me)
                 self._write(me)
         self.server.flush()
@@ -316,20 +332,20 @@ class Viewer:
         self.ghost_name.visible = agent is not None
         if agent is not None:
             bodies, states = live.imagine_ghost(agent, self.swim.actions, self.swim.held)
-            states[POSITION] += np.array([[BESIDE], [0], [0]])
+            states[FIELDS["position"]] += np.array([[GHOST_DISTANCE], [0], [0]])
             self.ghost.show(robots_in(states[:, :1], bodies[:1]))
             self.samples.show(robots_in(states[:, 1:], bodies[1:]))
-            self.ghost_name.position = states[POSITION, 0] + (0, 0, 1.2)
+            self.ghost_name.position = states[FIELDS["position"], 0] + (0, 0, 1.2)
 
     def _draw_past(self, me: int) -> None:
         """Draw trails and the gyroscope's traces."""
         if len(self._past) < 2:
             return
         past = np.array(self._past)
-        gyro = past[-TRACE:, me, 3:]
-        seconds = self.swim.seconds + PERIOD * np.arange(1 - len(gyro), 1)
+        gyro = past[-TRACE_UPDATES:, me, 3:]
+        seconds = self.swim.seconds + UPDATE_SECONDS * np.arange(1 - len(gyro), 1)
         self.traces.data = (seconds, *gyro.T.astype(float))
-        knots = past[-TRAIL :: 1 + 8 * (self.swim.count > 1), :, :3]
+        knots = past[-TRAIL_UPDATES :: 1 + 8 * (self.swim.count > 1), :, :3]
         pairs = np.stack([knots[:-1], knots[1:]], axis=2).reshape(-1, 2, 3)
         if len(pairs):
             self.trail.points = pairs.astype(np.float32)
@@ -337,7 +353,7 @@ class Viewer:
     def _write(self, me: int) -> None:
         """Write the readings, the damage, and what the self-model is."""
         swim, state = self.swim, self.swim.states[:, me]
-        far = CM_PER_UNIT * state[POSITION][1]
+        far = CM_PER_UNIT * state[FIELDS["position"]][1]
         left, right, phase = np.degrees(angles_of_rows(state))
         tail = 30 * math.sin(math.radians(phase))
         push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
@@ -359,10 +375,10 @@ class Viewer:
         if agent is None:
             return "choose one robot and 'self-model' to see its estimate"
         sd = np.sqrt(np.diag(agent.model.covariance))
-        attitude, fins = np.degrees([sd[ATTITUDE].max(), sd[FIN_ANGLES].max()])
+        attitude, fins = np.degrees([sd[ATTITUDE_ERRORS].max(), sd[FIN_ERRORS].max()])
         lines = [
             f"± {attitude:.2g}° attitude, ± {fins:.2g}° fins, "
-            f"± {CM_PER_UNIT * sd[VELOCITY].max():.2g} cm/s (1 sd)"
+            f"± {CM_PER_UNIT * sd[VELOCITY_ERRORS].max():.2g} cm/s (1 sd)"
         ]
         if (left := self.calibrates_for) > 0:
             lines.append(f"measures its own error for {left:.0f} s more")
@@ -386,7 +402,7 @@ class Viewer:
             while True:
                 self.update()
                 now = time.monotonic()
-                due = max(due + PERIOD, now)
+                due = max(due + UPDATE_SECONDS, now)
                 time.sleep(due - now)
         except KeyboardInterrupt:
             pass

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from tyro.conf import arg
 
-from aquafish.online.gaits import SCHEMA
+from aquafish.online.gaits import LIBRARY_SCHEMA
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import run_command_line
@@ -70,7 +70,7 @@ class Library:
             "gaits": [_short(one.to_dict()) for one in found],
         }
         self.out.parent.mkdir(parents=True, exist_ok=True)
-        write_document(self.out, document, SCHEMA, indent=None)
+        write_document(self.out, document, LIBRARY_SCHEMA, indent=None)
         print(f"{len(found)} gaits: {self.out}")
 
 

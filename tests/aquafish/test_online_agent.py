@@ -11,8 +11,8 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import Swimming, imagine, load_library
-from aquafish.online.self_model import SelfModel, observe, predict
-from aquafish.online.watch import Calibration, Watch
+from aquafish.online.self_model import SelfModel, imu_readings, predict
+from aquafish.online.watch import ErrorCalibration, SurpriseMonitor
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.world_config import WorldConfig
@@ -175,7 +175,7 @@ def test_a_refined_gait_is_no_worse_by_imagination() -> None:
 
 
 def test_a_watch_needs_more_than_it_saw_while_nothing_broke() -> None:
-    watch = Watch()
+    watch = SurpriseMonitor()
     for _ in range(20):
         assert not watch.add(500.0, 3, calm=True)
     assert not watch.add(500.0, 3)
@@ -202,7 +202,7 @@ def test_a_gait_is_the_controller_with_true_fin_angles(number: int) -> None:
     policy = gait.policy((0.3, 1.0, 2.0), (1.0, 0.5, 1.0))
     for k in range(20):
         action = swimming.act(state)
-        true = np.clip(policy(observe(state[:, None])[0], 0.2 * k), -1.0, 1.0)
+        true = np.clip(policy(imu_readings(state[:, None])[0], 0.2 * k), -1.0, 1.0)
         np.testing.assert_allclose(action, true, atol=1e-4)
         state = predict(robot, state, action[None].astype(float))[1][:, 0]
 
@@ -212,7 +212,7 @@ def test_the_drag_of_foreign_water_is_measured(drag: float) -> None:
     water, fins = Scenario.create(drag=(drag, 1.0)), np.array([0.4, -1.0, 2.0])
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
     observed = predict(water, SelfModel(water, fins).state, actions)[0][0]
-    calibration = Calibration(Scenario.create(), fins, 20)
+    calibration = ErrorCalibration(Scenario.create(), fins, 20)
     for action, seen in zip(actions[:24], observed, strict=False):
         assert not calibration.add(action, seen)
     assert calibration.foreign == (drag != 1.0)

@@ -13,7 +13,7 @@ import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import MODEL_ERROR, SelfModel
-from aquafish.online.watch import Calibration, Watch
+from aquafish.online.watch import ErrorCalibration, SurpriseMonitor
 from aquafish_gym.envs.episode import limits
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -167,8 +167,8 @@ def test_a_malformed_observation_changes_nothing(step: int) -> None:
         observation, *_ = env.step(one)
 
 
-def calibration() -> Calibration:
-    return Calibration(Scenario.create(), None, 20)
+def calibration() -> ErrorCalibration:
+    return ErrorCalibration(Scenario.create(), None, 20)
 
 
 LAGGING, PAIR = Scenario.create(servo_lag=[0.1]), Scenario.create(servo_gain=np.ones((2, 3)))
@@ -202,10 +202,13 @@ CALLS: dict[str, tuple[Callable[[Any], object], list[object]]] = {
     "inference_seconds": (lambda x: AgentConfig(inference_seconds=x), ["1", None, -1.0, np.nan]),
     "refinement_seconds": (lambda x: AgentConfig(refinement_seconds=x), ["1", None, -1.0, np.inf]),
     "seed": (lambda x: AgentConfig(seed=x), [-1, 1.5, "4", None, True]),
-    "robot ": (lambda x: Calibration(x, None, 20), [None, PAIR, "whole"]),
-    "fin_angles  ": (lambda x: Calibration(Scenario.create(), x, 20), ["a", (0.0,), [np.nan] * 3]),
-    "hold ": (lambda x: Calibration(Scenario.create(), None, x), [None, 0, 1.5]),
-    "margin": (lambda x: Watch(x), ["2", None, -1.0, np.nan]),
+    "robot ": (lambda x: ErrorCalibration(x, None, 20), [None, PAIR, "whole"]),
+    "fin_angles  ": (
+        lambda x: ErrorCalibration(Scenario.create(), x, 20),
+        ["a", (0.0,), [np.nan] * 3],
+    ),
+    "hold ": (lambda x: ErrorCalibration(Scenario.create(), None, x), [None, 0, 1.5]),
+    "margin": (lambda x: SurpriseMonitor(x), ["2", None, -1.0, np.nan]),
     "action": (lambda x: calibration().add(x, np.zeros(9)), [None, "a", (0.0,), [np.nan] * 3]),
     "observed": (lambda x: calibration().add(np.zeros(3), x), list(WRONG.values())),
     "robot  ": (lambda x: SelfModel(x, np.zeros(3)), [None, PAIR]),

@@ -24,7 +24,7 @@ from PIL import Image
 from aquafish.cli import main
 from aquafish.online.gaits import load_library
 from aquafish.recovery.page import report_page
-from aquafish.recovery.treatment import BODIES, TREATMENTS
+from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import read_morphology
@@ -167,7 +167,7 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
         if spec.model == "joint":
             bodies = body_array(read_bodies(folder / "bodies.json"))
             assert controller.sample == sample_stamp(bodies)
-            assert len(bodies) == BODIES
+            assert len(bodies) == EVOLVED_BODIES
         elif treatment == "randomised":
             assert body == Morphology.nominal()
             assert controller.sample is not None

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish.online.self_model import (
+    ERROR_SIZE,
     MODEL_ERROR,
-    SIZE,
     SelfModel,
-    difference,
+    imu_readings,
     moved,
-    observe,
     predict,
+    state_errors,
 )
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
@@ -33,7 +33,7 @@ def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray
     for stroke in STROKES:
         lanes.advance(scale_action(stroke)[None], 20)
         states.append(lanes.rows()[:, 0])
-        seen.append(observe(lanes.rows())[0])
+        seen.append(imu_readings(lanes.rows())[0])
         seen[-1][6:] += noise * rng.standard_normal(3)
     return np.array(seen), np.array(states)
 
@@ -47,10 +47,10 @@ def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
     return np.array(squares)
 
 
-@given(st.lists(st.floats(-0.3, 0.3), min_size=SIZE, max_size=SIZE))
+@given(st.lists(st.floats(-0.3, 0.3), min_size=ERROR_SIZE, max_size=ERROR_SIZE))
 def test_difference_undoes_moved(error: list[float]) -> None:
     state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).rows()[:, 0]
-    found = difference(moved(state, np.array([error])), state)[0]
+    found = state_errors(moved(state, np.array([error])), state)[0]
 
     np.testing.assert_allclose(found, error, atol=1e-12)
 

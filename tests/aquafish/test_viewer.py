@@ -20,7 +20,7 @@ from aquafish.online import SelfModelAgent
 from aquafish.online.gaits import load_library
 from aquafish.viewer.command import View
 from aquafish.viewer.live import (
-    SAMPLES,
+    BELIEF_SAMPLES,
     LiveSwim,
     gait_pilot,
     imagine_ghost,
@@ -29,7 +29,7 @@ from aquafish.viewer.live import (
     random_pilot,
     self_model_pilot,
 )
-from aquafish.viewer.page import FAULTS, Viewer
+from aquafish.viewer.page import FAULT_WORDS, Viewer
 from aquafish.viewer.shapes import BOXES, robots_in
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.morphology import FINS, Morphology
@@ -170,7 +170,7 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     live = LiveSwim(pilot, gyro_noise=0.02, seed=1)
     live.advance(402)
     bodies, states = imagine_ghost(agent, live.actions, live.held)
-    assert bodies.shape == (1 + SAMPLES, 9)
+    assert bodies.shape == (1 + BELIEF_SAMPLES, 9)
     np.testing.assert_allclose(
         angles_of_rows(states)[:, 0], angles_of_rows(live.states)[:, 0], atol=0.1
     )
@@ -297,11 +297,11 @@ def test_controls_break_and_change_the_swim(viewer: Viewer) -> None:
     press(viewer.repair)
     viewer.update()
     assert live.broken(0) == ()
-    for fault in FAULTS:
+    for fault in FAULT_WORDS:
         viewer.fault.value = fault
         press(viewer.break_it)
         viewer.update()
-    assert [fault.word for fault in live.faults(0)] == FAULTS
+    assert [fault.word for fault in live.faults(0)] == FAULT_WORDS
 
 
 def test_play_pause_speed_and_start_again(viewer: Viewer) -> None:

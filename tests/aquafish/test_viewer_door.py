@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 
 from aquafish.viewer import door
 from aquafish.viewer.command import View
-from aquafish.viewer.live import MAXIMUM_FAULTS, LiveSwim
+from aquafish.viewer.live import MAXIMUM_VIEWED_FAULTS, LiveSwim
 from aquafish.viewer.page import Viewer
 from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.browser import browser
@@ -178,7 +178,7 @@ def test_an_upload_ends_its_connection_alone(viewer: Viewer) -> None:
 
 def test_many_strikes_are_bounded(viewer: Viewer) -> None:
     viewer.swim.repair()
-    for _ in range(MAXIMUM_FAULTS):
+    for _ in range(MAXIMUM_VIEWED_FAULTS):
         viewer.swim.strike("gyro:noise=0.1")
     with pytest.raises(InvalidArgumentError, match="repair"):
         viewer.swim.strike("gyro:noise=0.1")
