@@ -214,13 +214,14 @@ class Segment(NamedTuple):
 
 
 class Change(NamedTuple):
-    """Robots of a scenario that are otherwise from a step on."""
+    """A change of some robots of a scenario."""
 
     #: The first step of 0.01 s that it affects; at 0 the fins only begin with the speed of before.
     step: int
     rows: NDArray[np.intp]  #: (n,) which robots, in ascending order.
-    to: Scenario  #: n robots, in the same order: what they are from then on. They swim on as they
-    #: do: of its fields those that describe a start (fin_angles, velocity, spin) do not matter.
+    #: The n robots from then on, in the same order. They keep their motion: ``fin_angles``,
+    #: ``velocity`` and ``spin`` are ignored.
+    to: Scenario
 
     def of_rows(self, chosen: NDArray[np.intp]) -> Change:
         """Return the change as it affects the robots ``chosen`` (m,), numbered from 0 on."""

@@ -128,7 +128,7 @@ class Damage:
     def sample(self, rng: np.random.Generator, parts: Parts = PARTS) -> Self:
         """Return the damage of one episode, with random faults, of ``parts``, and onsets drawn.
 
-        A tier's ways to break that fit none of the parts are not drawn.
+        Faults of a tier that need a part outside ``parts`` are left out.
         """
         instance("rng", rng, np.random.Generator)
         instance("parts", parts, Mapping)  # type: ignore[type-abstract]

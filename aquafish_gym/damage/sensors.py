@@ -59,7 +59,7 @@ class Readings(NamedTuple):
 
     @property
     def broken(self) -> Flags:
-        """Which channels (n, C) may observe something else than the truth."""
+        """Which channels (n, C) are faulty."""
         read: Flags = (self.noise != 0.0) | (self.bias != 0.0) | (self.scale != 1.0)
         late: Flags = (self.delay != 0.0) | (self.hold != 0.0)
         return read | late | self.stuck | self.dropped
@@ -97,10 +97,10 @@ def break_link(
 
 
 class Sensors:
-    """The sensors of B robots, C channels each, which may observe something else than the truth.
+    """C sensor channels of each of B robots, some of them faulty.
 
-    ``readings`` is how they read. ``broken`` is whether any of them ever was; where none was,
-    nothing is computed. They observe numbers of type ``dtype``, every ``dt`` s.
+    ``readings`` holds their faults. ``broken`` is whether any channel ever was faulty; where none
+    was, nothing is computed. Observations are numbers of type ``dtype``, one every ``dt`` s.
     """
 
     def __init__(

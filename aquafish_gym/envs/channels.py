@@ -26,7 +26,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_ar
 
 
 class Channels:
-    """What damage makes of the actions and observations of B robots, whose rows arrays have.
+    """Applies faults to arrays of actions and observations, one row a robot.
 
     Channels are the entries of a space in C order: A of the action, C of the observation.
 

@@ -151,16 +151,16 @@ def begin_episodes(
 
 
 class Robots:
-    """What B robots are now, and when damage changes that: a scenario that is played.
+    """The current scenario of B robots, and the control step at which each changes next.
 
     Attributes
     ----------
     now
-        The scenario (B robots) as it is.
+        The current scenario (B robots).
     next_change
         (B,) the control step in which each robot changes next; ``NO_CHANGE_STEP`` if it does not.
     sensors
-        What broken sensors make of observations.
+        Applies the faults of sensors to observations.
     late
         Whether a channel ever was, is or may become late, slow or scaled; only then ``truth`` says
         which.

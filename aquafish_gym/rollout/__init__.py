@@ -69,8 +69,8 @@ def rollout(
     interval
         For how many steps of 0.01 s an action is held; None is 5, or what a program states.
     believed, believed_gain
-        (B, 3) or (3,): where a program believes its fins to be at first, rad, None for the truth,
-        and the servo gains with which it integrates its commands. Of programs only.
+        (B, 3) or (3,), of programs only: the initial fin angles, rad, and the servo gains that a
+        program assumes for dead reckoning. None assumes the true angles.
     memory
         (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``. Without a task
         there is none.

@@ -1,4 +1,4 @@
-"""What the compiled loop keeps of robots whose policies observe, and that do a task."""
+"""Arrays of the compiled closed loop: observation faults, policy memory, task."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ClosedLoop:
         A task's functions and a named tuple of its numbers (``envs.tasks.compiled_task``); None
         where there is no task, or where it is judged outside.
     broken
-        Whether sensors may observe something else than what is.
+        Whether any sensor is faulty.
     """
 
     def __init__(self, batch: int, width: int, dtype: type[np.floating], scratch: int) -> None:

@@ -196,10 +196,9 @@ class LaneBatch:
         """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
 
         In the first ``early`` steps of this call it does so in each. ``loop`` is what a policy that
-        is not open-loop needs. What is not recorded is None in the log. If the gyroscope alone is,
-        or nothing, and the policy is open-loop, no attitude is computed until the end: that of
-        ``state()`` is then, of all triples that describe it, the one nearest to where it began, and
-        may lie whole turns off a log's.
+        is not open-loop needs. What is not recorded is None in the log. If an open-loop policy
+        records the gyroscope alone, or nothing, the attitude is computed at the end only. The
+        angles of ``state()`` may then differ from a log's by whole turns.
         """
         bits = _RECORDS[record]
         logs = self._logs(steps, bits)
