@@ -36,7 +36,9 @@ RANGE_TOLERANCE = 1.0 + 1e-6
 def up_and_north(orientation: Quaternion) -> tuple[Vector, Vector]:
     """Return the world's z and y in body axes: rows of the rotation matrix."""
     x, y, z, w = orientation
-    xx, yz, wx = x * x, y * z, w * x
+    xx = x * x
+    yz = y * z
+    wx = w * x
     up = (2 * (x * z - w * y), 2 * (yz + wx), 1 - 2 * (xx + y * y))
     north = (2 * (x * y + w * z), 1 - 2 * (xx + z * z), 2 * (yz - wx))
     return up, north

@@ -23,7 +23,9 @@ _FINAL, _MEAN = "#0072b2", "#d55e00"
 def draw_trajectories(swims: Mapping[str, Swim], axes: Axes) -> None:
     """Draw labelled paths from above, x to the right and y (forward) upwards, units of 5 cm."""
     for (label, one), (colour, line) in zip(swims.items(), cycle(_PATHS), strict=False):
-        x, y, text = one.position[:, 0], one.position[:, 1], f"{label}: {one.distance:.1f}"
+        x = one.position[:, 0]
+        y = one.position[:, 1]
+        text = f"{label}: {one.distance:.1f}"
         axes.plot(x, y, line, color=colour, label=text, linewidth=1.8)
         axes.plot(x[-1], y[-1], "o", color=colour, markersize=5)
     axes.plot(0.0, 0.0, "+", color="black", markersize=10)

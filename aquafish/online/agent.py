@@ -156,7 +156,9 @@ class SelfModelAgent:
         self.events: list[Event] = []
         self.recognised: Recognised | None = None
         self._moments: list[Moment] = []
-        self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), NO_FAULTS
+        self._steps = 0
+        self._action = np.zeros(3, np.float32)
+        self._broken = NO_FAULTS
         self._case: Case | None = None
         self._quiet, self._foreign = 0, False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
@@ -331,7 +333,9 @@ class SelfModelAgent:
 
     def _refine(self) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done."""
-        began, config, robot = time.process_time(), self.config, self.model.robot
+        began = time.process_time()
+        config = self.config
+        robot = self.model.robot
         self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
         actions = self._actions(config.refinement_seconds)
         left = self._left(actions)

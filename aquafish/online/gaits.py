@@ -57,7 +57,9 @@ class Swimming:
 
     def __init__(self, gait: Controller, hold: int) -> None:
         program = program_of([gait])
-        self.gait, self._function, self._dt = gait, program.function, hold * TIMESTEP
+        self.gait = gait
+        self._function = program.function
+        self._dt = hold * TIMESTEP
         self._network = program.weights[:, 0].tolist(), program.layout.tolist()
         self._memory, self._actions = [0.0] * program.scratch, 0
 

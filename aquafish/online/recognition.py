@@ -201,10 +201,8 @@ def recognise(
 
     # Compare all, then narrow the numbers of the best. Until a later onset the robot was as before.
     cases = [(b, onset) for b in range(len(before)) for onset in range(len(states))]
-    until, prior = (
-        COMPARED_ACTIONS + len(states),
-        np.array([_prior_cost(one) for one in everything]),
-    )
+    until = COMPARED_ACTIONS + len(states)
+    prior = np.array([_prior_cost(one) for one in everything])
     earlier = [float(costs(before[0], 0, 0, k)[0]) if k else 0.0 for k in range(len(states))]
     banks = [broken(robot, everything) for robot in before]
     first = np.array([costs(banks[b], b, k, until) + prior + earlier[k] for b, k in cases])
@@ -289,7 +287,9 @@ def find_fins(
     each of its actions (K, 3).
     """
     turn = 2 * np.pi * np.arange(POSES_PER_FIN) / POSES_PER_FIN
-    spacing, grid, stencil = turn[1], np.stack(np.meshgrid(turn, turn, turn), -1), np.arange(-1, 2)
+    spacing = turn[1]
+    grid = np.stack(np.meshgrid(turn, turn, turn), -1)
+    stencil = np.arange(-1, 2)
     around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
     poses: Floats = grid.reshape(-1, 3)
     for _ in range(NARROWING_ROUNDS):
@@ -351,10 +351,8 @@ def _with_sensors(
     )
     gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
     if gyro.shape[1] >= 2 and size >= FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
-        power, usual = (
-            np.square(gyro).sum(),
-            np.hypot(expected, TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard],
-        )
+        power = np.square(gyro).sum()
+        usual = np.hypot(expected, TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
         louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
         if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
             noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False

@@ -109,7 +109,9 @@ class SelfModel:
 
     def become(self, robot: Scenario, state: Floats) -> None:
         """Replace the robot and its state (25,); keep the covariance."""
-        self.robot, self.state, self.noise = robot, state, noise_of(robot)
+        self.robot = robot
+        self.state = state
+        self.noise = noise_of(robot)
         points = np.zeros(2 * ERROR_SIZE + 1, np.intp)
         self._lanes = LaneBatch(robot.take(points), np.float64, threads=1)
 

@@ -189,10 +189,8 @@ class ErrorCalibration:
     def add(self, action: Floats, observed: Floats) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether that is enough."""
         wanted = spelled((len(CHANNELS),))
-        action, observed = (
-            finite_array("action", action, (3,)),
-            real_array("observed", observed, wanted),
-        )
+        action = finite_array("action", action, (3,))
+        observed = real_array("observed", observed, wanted)
         if observed.shape != (len(CHANNELS),):
             raise InvalidArgumentError(f"observed must have shape {wanted}; got {observed.shape}")
         past = self._past
@@ -236,7 +234,9 @@ class ErrorCalibration:
 
     def finish(self) -> tuple[SurpriseMonitor, Floats]:
         """Return a watch, and the rms error (9,) of open-loop predictions, without the noise."""
-        model, moments, errors = self.model, self._moments[self.best], []
+        model = self.model
+        moments = self._moments[self.best]
+        errors = []
         watch = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if self.foreign else SURPRISE_MARGIN)
         for square, used in self._squares[self.best][SETTLED_ACTIONS:]:
             watch.add(square, used, calm=True)

@@ -171,7 +171,9 @@ def _finals(outcome: Mapping[str, Any]) -> list[float]:
 
 def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: bool = False) -> str:
     """Return the report as text, with these pictures; ``short`` is for a terminal."""
-    config, seeds, swims = report["config"], report["seeds"], report["config"]["transfer"]
+    config = report["config"]
+    seeds = report["seeds"]
+    swims = report["config"]["transfer"]
     several = "s" if len(seeds) > 1 else ""
     parts = [
         "# Damage recovery",

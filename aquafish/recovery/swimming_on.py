@@ -46,12 +46,16 @@ def swim_on(
     env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task)
     settings = AgentConfig(end, gyro_noise=noise, gyro_only=True, refinements=1, seed=config.seed)
     env.reset(seed=config.seed)
-    agents, native, target = [], [], []
+    agents = []
+    native = []
+    target = []
     for pose in (np.zeros(3), *random_poses(config.poses, config.seed)):
         agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology))
         observation, _ = env.reset(options={"fin_angles": pose})
         agent.begin(pose)
-        way, diverged, over = [0.0], False, False
+        way = [0.0]
+        diverged = False
+        over = False
         while not (over or diverged):
             observation, _, diverged, over, info = env.step(agent.act(observation))
             way.append(info["y_position"])

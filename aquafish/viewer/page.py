@@ -75,7 +75,9 @@ class Viewer:
     """
 
     def __init__(self, swim: LiveSwim, pilots: Mapping[str, ViewerPilot], port: int = 8080) -> None:
-        self.swim, self._pilots, self._chosen = swim, dict(pilots), next(iter(pilots))
+        self.swim = swim
+        self._pilots = dict(pilots)
+        self._chosen = next(iter(pilots))
         self._viser = viser_module()
         self._todo: queue.Queue[Callable[[], None]] = queue.Queue(MAXIMUM_REQUESTS)
         self._updates, self._owed = 0, 0.0
@@ -152,7 +154,9 @@ class Viewer:
         camera.look_at, camera.fov = (0.12 * wide + 2.0, 0.0, 0.0), math.radians(45)
 
     def _build_controls(self) -> None:
-        gui, swim, series = self.server.gui, self.swim, self._viser.uplot.Series
+        gui = self.server.gui
+        swim = self.swim
+        series = self._viser.uplot.Series
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 90, 140))
         self.reading = gui.add_markdown("")
         lines = [

@@ -99,11 +99,9 @@ class Damage:
         instance("rng", rng, np.random.Generator)
         faults = []
         for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
-            missing, size, factor = (
-                rng.random() < 0.25,
-                rng.choice(SIZES),
-                rng.uniform(*CHANCE_SCALES),
-            )
+            missing = rng.random() < 0.25
+            size = rng.choice(SIZES)
+            factor = rng.uniform(*CHANCE_SCALES)
             faults.append(Fault(fin, "missing") if missing else Fault(fin, str(size), factor))
         return cls(tuple(faults))
 
@@ -266,7 +264,9 @@ def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]
         fault = replace(fault, onset=float(rng.uniform(*fault.onset)))
     if fault.part != RANDOM:
         return [fault]
-    tier, whole, found = TIERS[fault.word], dict(parts), []
+    tier = TIERS[fault.word]
+    whole = dict(parts)
+    found = []
     for _ in range(tier.parts):
         ways = ways_to_break(tier, whole)
         if not ways:

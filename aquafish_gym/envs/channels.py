@@ -201,7 +201,9 @@ class Channels:
 
     def truth(self) -> dict[str, NDArray[Any]]:
         """Return copies of what is broken, by its names in ``info``."""
-        now, actions, observations = self._sensors.readings, self.action, self.observation
+        now = self._sensors.readings
+        actions = self.action
+        observations = self.observation
         tables: list[tuple[str, NDArray[Any], Box[Any]]] = [
             ("action_gain", self._gain.copy(), actions),
             ("action_seized", self._seized.copy(), actions),
@@ -217,7 +219,9 @@ class Channels:
         """Return what is late, slow or scaled; nothing where nothing ever is."""
         if not self._late:
             return []
-        now, actions, observations = self._sensors.readings, self.action, self.observation
+        now = self._sensors.readings
+        actions = self.action
+        observations = self.observation
         return [
             ("action_scale", self._scale.copy(), actions),
             ("action_delay", self._delay.copy(), actions),

@@ -188,7 +188,9 @@ def _finish(rewards: Any, remembers: bool) -> Any:
 
 def _vector(rows: Any, first: int, i: int) -> Vector:
     """Read three of robot i's numbers in double precision."""
-    x, y, z = rows[first, i], rows[first + 1, i], rows[first + 2, i]
+    x = rows[first, i]
+    y = rows[first + 1, i]
+    z = rows[first + 2, i]
     return (np.float64(x), np.float64(y), np.float64(z))
 
 

@@ -133,7 +133,9 @@ def begin_episodes(
     distinct = [configs[which.index(i)] for i in range(len(numbers))]
     random = [isinstance(config.fin_angles, str) for config in distinct]
     drawn = [config.damage.is_random for config in distinct]
-    angles, memories, damages = np.empty((len(configs), 3)), [], []
+    angles = np.empty((len(configs), 3))
+    memories = []
+    damages = []
     for row, i, config, rng in zip(angles, which, configs, rngs, strict=True):
         row[:] = rng.uniform(-math.pi, math.pi, 3) if random[i] else config.fin_angles
         memories.append(config.task.begin(rng))

@@ -180,7 +180,9 @@ class HoldStation(BuiltIn):
 
     def current(self, memory: Memory, seconds: Number) -> Vector:
         """Return the current."""
-        speed, heading, turning = memory[0], memory[1], memory[2]
+        speed = memory[0]
+        heading = memory[1]
+        turning = memory[2]
         cosine, sine = cosine_sine(heading + turning * seconds)
         return (speed * cosine, speed * sine, 0.0 * speed)
 

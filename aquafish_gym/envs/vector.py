@@ -264,10 +264,8 @@ class AquaFishVectorEnv(
         return outcome
 
     def _step_from(self, before: States, actions: Floats) -> Step:
-        here, now = (
-            batching.components(before[POSITION_ROWS].astype(np.float64)),
-            state_from_numbers(self.states),
-        )
+        here = batching.components(before[POSITION_ROWS].astype(np.float64))
+        now = state_from_numbers(self.states)
         memory = tuple(self._memory)
         return Step(
             here, now.position, now.orientation, batching.components(actions), memory, self.dt

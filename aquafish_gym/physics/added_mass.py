@@ -75,7 +75,9 @@ def plate_inertia(width: Number, length: Number) -> Number:
 
 def fin_added_mass(fin: Fin) -> tuple[Vector, Vector]:
     """Return a fin's added masses and, about its centre, inertias: width, length, normal axis."""
-    w, n, t = fin.width, fin.length, fin.thickness
+    w = fin.width
+    n = fin.length
+    t = fin.thickness
     return (
         (plate_mass(t, n), plate_mass(w, t), plate_mass(w, n)),
         (

@@ -258,7 +258,9 @@ def composite_inertia(robot: Robot, state: State, qdd: Vector, water: Water) -> 
     c = _fin_inertia(robot.caudal, CAUDAL_Y, joint, now[2], qdd[2], tail_spin, water.caudal)
     force, torque = _sum((a.force, a.torque), (b.force, b.torque), (c.force, c.torque), water.body)
     # The caudal hinge's axes are the body's (z, y, -x).
-    i, j, k = a.inertia, b.inertia, c.inertia
+    i = a.inertia
+    j = b.inertia
+    k = c.inertia
     outboard = PECTORAL_X * PECTORAL_X * (a.mass + b.mass)
     return CompositeInertia(
         BODY_MASS + (a.mass + b.mass + c.mass),

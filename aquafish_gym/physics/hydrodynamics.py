@@ -39,7 +39,9 @@ AXIAL_DRAG = 0.30  # assumed; a hemisphere facing the flow: 0.34
 # Four points a fin, exact to the third degree: Gauss and Legendre's three along its length,
 # the middle one split in two. Under 1% rms error in force and torque, as five stations are
 # along the capsule; docs/physics.md has the study.
-_NEAR, _MIDDLE, _FAR = 0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6)
+_NEAR = 0.5 - 0.5 * math.sqrt(0.6)
+_MIDDLE = 0.5
+_FAR = 0.5 + 0.5 * math.sqrt(0.6)
 _OUTER_WEIGHT, _MIDDLE_WEIGHT = 5 / 18, 8 / 18
 _ASIDE = math.sqrt(3.0) / 4
 
@@ -69,7 +71,9 @@ def fin_drag(fin: Fin, velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
     ``velocity`` is the hinge point's relative to the water and ``spin`` the fin's (rad/s), both
     in the fin frame (width, length, normal).
     """
-    near, middle, far = _NEAR * fin.length, _MIDDLE * fin.length, _FAR * fin.length
+    near = _NEAR * fin.length
+    middle = _MIDDLE * fin.length
+    far = _FAR * fin.length
     aside = _ASIDE * fin.width
 
     # Velocities at (0, -near, 0), (0, -far, 0) and (+-aside, -middle, 0).

@@ -52,7 +52,9 @@ class Drive(NamedTuple):
 
 def joint_angles(state: State) -> Vector:
     """Return left and right pectoral angle and caudal phase in (-pi, pi], rad."""
-    left, right, phase = state.left, state.right, state.phase
+    left = state.left
+    right = state.right
+    phase = state.phase
     return (
         arctangent2(left[1], left[0]),
         arctangent2(right[1], right[0]),
@@ -63,9 +65,13 @@ def joint_angles(state: State) -> Vector:
 def rotation(q: tuple[Number, Number, Number, Number]) -> Matrix:
     """Return the rotation matrix (rows) from body to world of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q
-    x2, y2, z2 = x + x, y + y, z + z
+    x2 = x + x
+    y2 = y + y
+    z2 = z + z
     less_xx, less_yy = fma(-x, x2, 1.0), fma(-y, y2, 1.0)
-    wx, wy, wz = w * x2, w * y2, w * z2
+    wx = w * x2
+    wy = w * y2
+    wz = w * z2
     return (
         (fma(-z, z2, less_yy), fma(x, y2, -wz), fma(x, z2, wy)),
         (fma(x, y2, wz), fma(-z, z2, less_xx), fma(y, z2, -wx)),
@@ -94,7 +100,9 @@ def turn(
     # sin(a) / a and cos(a) of half the angle by their series in a^2. Spins stay under 100 rad/s at
     # h = 0.01, where the terms kept leave 1e-17.
     half = 0.5 * h
-    x, y, z = spin[0] * half, spin[1] * half, spin[2] * half
+    x = spin[0] * half
+    y = spin[1] * half
+    z = spin[2] * half
     a = fma(x, x, fma(y, y, z * z))
     s = fma(a, -1 / 39916800, 1 / 362880)
     s = fma(a, s, -1 / 5040)
@@ -107,7 +115,9 @@ def turn(
     c = fma(a, c, 1 / 24)
     c = fma(a, c, -1 / 2)
     c = fma(a, c, 1.0)
-    x, y, z = s * x, s * y, s * z
+    x = s * x
+    y = s * y
+    z = s * z
     n0 = fma(q[3], x, fma(q[0], c, fma(q[1], z, -(q[2] * y))))
     n1 = fma(q[3], y, fma(q[1], c, fma(q[2], x, -(q[0] * z))))
     n2 = fma(q[3], z, fma(q[2], c, fma(q[0], y, -(q[1] * x))))
@@ -119,7 +129,9 @@ def turn(
 
 def drive(command: Vector, h: Number) -> Drive:
     """Return the drive for a command in rev/s, rev/s and Hz."""
-    left, right, caudal = TAU * command[0], TAU * command[1], TAU * command[2]
+    left = TAU * command[0]
+    right = TAU * command[1]
+    caudal = TAU * command[2]
     sl, cl = small_sine_cosine(left * h)
     sr, cr = small_sine_cosine(right * h)
     sp, cp = small_sine_cosine(caudal * h)

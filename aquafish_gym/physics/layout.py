@@ -149,7 +149,9 @@ def robot_parameters(
     table = np.empty((ROBOT_ROWS, len(morphologies)))
     rows = table[:-1].reshape(3, FIN_ROWS, len(morphologies))
     # Filled in place: this is most of what packing a batch takes.
-    sizes, mass, inertia = rows[:, 0:3], rows[:, 3], rows[:, 4:7]
+    sizes = rows[:, 0:3]
+    mass = rows[:, 3]
+    inertia = rows[:, 4:7]
     sizes[:] = morphologies.T[_COLUMNS]
     volume = sizes[:, 0] * sizes[:, 1] * sizes[:, 2]
     np.maximum(volume * np.asarray(fin_density), MINIMUM_FIN_MASS, out=mass)

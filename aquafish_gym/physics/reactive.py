@@ -163,7 +163,9 @@ def _turning_torque(inertia: Number, e: Vector, motion: Motion) -> Vector:
 def _fin_added(fin: Fin, motion: Motion) -> Added:
     """Return the terms of the water that moves with a fin."""
     (a, b, c), (i, j, k) = fin_added_mass(fin)
-    e, f, g = motion.across, motion.along, motion.normal
+    e = motion.across
+    f = motion.along
+    g = motion.normal
     plates = _add(_add(_plate(a, e, motion), _plate(b, f, motion)), _plate(c, g, motion))
     inertia = _add_symmetric(_square(i, e), _add_symmetric(_square(j, f), _square(k, g)))
     turning = add(_turning_torque(j, f, motion), _turning_torque(k, g, motion))
@@ -251,7 +253,9 @@ def accelerations_with(
     )
 
     free = times(inverse_mass, force)
-    gx, gy, gz = times(inverse_mass, cx), times(inverse_mass, cy), times(inverse_mass, cz)
+    gx = times(inverse_mass, cx)
+    gy = times(inverse_mass, cy)
+    gz = times(inverse_mass, cz)
     inertia = (
         xx - dot(cx, gx),
         yy - dot(cy, gy),

@@ -23,7 +23,9 @@ _VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
 _SHADE = 0.3  # share of the floor's light that a shadow takes
 _FAR = 1e9
 # What a pixel shows in place of a part; no part or shadow is near.
-_WATER, _SHADOW, _UNSEEN = -1, -2, -3
+_WATER = -1
+_SHADOW = -2
+_UNSEEN = -3
 
 _jit = functools.partial(compiled, error_model="numpy", nogil=True)
 
@@ -156,7 +158,9 @@ def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 @_jit
 def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
     """Return the same of a box."""
-    near, far, axis = -_FAR, _FAR, 0
+    near = -_FAR
+    far = _FAR
+    axis = 0
     for k in range(3):
         slope = 1 / (d[k] if abs(d[k]) > 1e-9 else 1e-9)
         far = min(far, abs(slope) * half[k] - o[k] * slope)
@@ -171,7 +175,9 @@ def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 @_jit
 def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
     """Return distance, number of the part and normal, in its own axes, of what a ray hits first."""
-    best, found, normal = _FAR, _WATER, (0.0, 0.0, 0.0)
+    best = _FAR
+    found = _WATER
+    normal = (0.0, 0.0, 0.0)
     for m in range(len(parts)):
         q = (start[0] - parts[m, 3], start[1] - parts[m, 4], start[2] - parts[m, 5])
         b = _dot(q, d)
@@ -181,7 +187,9 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
         half = (parts[m, 0], parts[m, 1], parts[m, 2])
         t, n = _hit_capsule(half, o, along) if m % 9 == 0 else _hit_box(half, o, along)
         if t < best:
-            best, found, normal = t, m, n
+            best = t
+            found = m
+            normal = n
     return best, found, normal
 
 

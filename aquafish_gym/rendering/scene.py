@@ -121,7 +121,10 @@ def floor_below(positions: Floats) -> float:
 
 def _multiply(p: Floats, q: Floats) -> Floats:
     """Return the products of quaternions (..., 4)."""
-    u, v, a, b = p[..., :3], q[..., :3], p[..., 3:], q[..., 3:]
+    u = p[..., :3]
+    v = q[..., :3]
+    a = p[..., 3:]
+    b = q[..., 3:]
     real = a * b - np.sum(u * v, axis=-1, keepdims=True)
     return np.concatenate([a * v + b * u + np.cross(u, v), real], axis=-1)
 

@@ -99,7 +99,9 @@ class EEA(Session[EEAState]):
     def _choose(self, state: EEAState, rngs: Streams) -> tuple[Floats, float | None]:
         """Explore: evolve the command about which the models disagree most."""
         self._simulated = self._evaluator.trials
-        layout, config, rng = self._problem.actions, self.config.exploration, rngs["exploration"]
+        layout = self._problem.actions
+        config = self.config.exploration
+        rng = rngs["exploration"]
         if not state.experiments:  # the models are random bodies, which teach Eq. 1 nothing
             return layout.decode(layout.random(1, rng))[0], None
         models = self._problem.models.decode(state.genomes)
@@ -113,7 +115,9 @@ class EEA(Session[EEAState]):
 
     def _fit(self, state: EEAState, trial: Trial, rngs: Streams) -> tuple[EEAState, RoundFit]:
         """Estimate: evolve models that explain all experiments."""
-        config, layout, inferring = self.config, self._problem.models, rngs["inference"]
+        config = self.config
+        layout = self._problem.models
+        inferring = rngs["inference"]
         context = first_context(config.condition, len(self._problem.hidden), trial.true_angles)
         behavior = summarize(RecordedLog(trial.gyro))[0]
         experiments = (*state.experiments, Experiment(trial.command, behavior, context))

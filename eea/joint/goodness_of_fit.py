@@ -129,7 +129,9 @@ def autocorrelation(
     They are about zero, not the mean: a constant residual is an error. A trial's axis with an rms
     up to ``floor`` is left out.
     """
-    above, weight, variance = np.zeros(lags), 0.0, np.zeros(lags)
+    above = np.zeros(lags)
+    weight = 0.0
+    variance = np.zeros(lags)
     for trial in residuals:
         length = len(trial)
         powers = (trial**2).sum(axis=0)

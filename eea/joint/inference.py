@@ -188,7 +188,9 @@ def _optimize(
     ``once``: one scan without restarts, where no body explained the trials before. Alternatives
     get one scan, too; later rounds halve their descents, as most alternatives are wrong.
     """
-    parameters, trials, starts = regression.parameters, len(regression.observed), None
+    parameters = regression.parameters
+    trials = len(regression.observed)
+    starts = None
     if earlier is not None:
         starts = carried_over(earlier, parameters)
         posed, _ = pose(regression, starts, config.poses, rng)

@@ -52,7 +52,9 @@ class Parameters:
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
         hypothesis = joint.nominal if hypothesis is None else hypothesis
-        models, nuisances, hidden = joint.problem.models, joint.nuisances, joint.hidden
+        models = joint.problem.models
+        nuisances = joint.nuisances
+        hidden = joint.hidden
         assert hidden is not None
         angles = np.zeros(len(hidden))
         low = np.concatenate([models.low, [n.low for n in nuisances], angles])

@@ -85,7 +85,9 @@ class BoxNormal:
     def __init__(
         self, at: Floats, information: Floats, gradient: Floats, low: Floats, high: Floats
     ) -> None:
-        self.low, self.high, size = low, high, len(at)
+        self.low = low
+        self.high = high
+        size = len(at)
         # A bound that holds the maximum makes the density fall within 1/g: the floor may be as much
         # higher there, and the normal's centre is then at most ten of its sd outside.
         span = self.high - self.low

@@ -67,7 +67,9 @@ def rounds_figure(results: StudyResults, summary: Mapping[str, Any], arm: str) -
     """Return one of Figs. 5 to 10: mean and SD of OBJ_FIT against round, one line a duration."""
     figure = new_figure(4.8, 4.6)
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
-    counts, widest, every = [], 0.0, results.durations()
+    counts = []
+    widest = 0.0
+    every = results.durations()
     for steps in results.durations(arm):
         curves = results.curves(arm, "obj_fit", [steps])
         counts.append(len(curves))

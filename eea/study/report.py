@@ -80,7 +80,9 @@ def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequenc
 def _fitness(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
     rows, note = [], ""
     for row in summary["fitness"]:
-        fit, model, durations = row["objective_fitness"], row["model_fitness"], row["durations"]
+        fit = row["objective_fitness"]
+        model = row["model_fitness"]
+        durations = row["durations"]
         name, sd = duration_name(durations), "" if fit["sd"] is None else f"{fit['sd']:.3f}"
         if len(durations) > 1:
             name = f"**{name}**"

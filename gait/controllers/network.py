@@ -185,12 +185,10 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
     like
         Any number of the arithmetic.
     """
-    inputs, nodes, memory, clipped = (
-        layout[INPUTS_ENTRY],
-        layout[NODES_ENTRY],
-        layout[MEMORY_ENTRY],
-        layout[CLIPPED_ENTRY],
-    )
+    inputs = layout[INPUTS_ENTRY]
+    nodes = layout[NODES_ENTRY]
+    memory = layout[MEMORY_ENTRY]
+    clipped = layout[CLIPPED_ENTRY]
     at = HEADER_ROWS * groups + group
     begin = inputs
     for layer in range(layout[LAYERS_ENTRY]):

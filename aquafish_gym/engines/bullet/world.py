@@ -226,9 +226,16 @@ class BulletWorld(World):
         self._check_process()
         if command != self._command:
             self._set_motors(command)
-        p, client, robot, push = self._bullet, self._client, self._robot, self._push
-        column, joints, current = self._column, self._joints, self._current
-        by, h, caudal = self._drive, self.timestep, 2
+        p = self._bullet
+        client = self._client
+        robot = self._robot
+        push = self._push
+        column = self._column
+        joints = self._joints
+        current = self._current
+        by = self._drive
+        h = self.timestep
+        caudal = 2
         for _ in range(steps * self._substeps):
             if self.diverged:
                 return

@@ -55,7 +55,9 @@ def write_blocks(
 def write_block(block: Any, log: Any, first: int, count: int, group: int, zero: Number) -> None:
     """Write ``count`` samples of every channel of a group's robots to log (B, channels, T)."""
     width = block.size // (log.shape[1] * BLOCK)
-    robot, channels, samples = group * width, log.shape[1], log.shape[2]
+    robot = group * width
+    channels = log.shape[1]
+    samples = log.shape[2]
     if count == BLOCK and robot + width <= log.shape[0]:
         for channel in range(channels):
             start = (robot * channels + channel) * samples + first

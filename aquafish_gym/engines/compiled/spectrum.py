@@ -78,8 +78,14 @@ def _fourfold(x: Any, y: Any, roots: Any, n: int, s: int, zero: Number) -> None:
             cr, ci = fetch(x, at, zero), fetch(x, at + 1, zero)
             at += 2 * s * part
             dr, di = fetch(x, at, zero), fetch(x, at + 1, zero)
-            sum_r, sum_i, gap_r, gap_i = ar + cr, ai + ci, ar - cr, ai - ci
-            other_r, other_i, turn_r, turn_i = br + dr, bi + di, bi - di, dr - br
+            sum_r = ar + cr
+            sum_i = ai + ci
+            gap_r = ar - cr
+            gap_i = ai - ci
+            other_r = br + dr
+            other_i = bi + di
+            turn_r = bi - di
+            turn_i = dr - br
             to = 2 * (q + s * 4 * p)
             put(y, to, sum_r + other_r)
             put(y, to + 1, sum_i + other_i)
@@ -174,7 +180,9 @@ def write_spectrum(
 def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: Number) -> float:
     """Return the sum of |a - b| over the coefficients of two rows of spectra, flat."""
     total = zero
-    a, b, step = i * 2 * rows, j * 2 * rows, rows
+    a = i * 2 * rows
+    b = j * 2 * rows
+    step = rows
     for k in range(rows):
         re = fetch(one, a + k, zero) - fetch(other, b + k, zero)
         im = fetch(one, a + step + k, zero) - fetch(other, b + step + k, zero)
