@@ -7,5 +7,16 @@ that users import.
 
 import lazy_loader
 
-# The names of __init__.pyi, imported when first used, so that a command handles Ctrl-C early.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# Imported when first used, so that a command handles Ctrl-C from the start; __init__.pyi has the
+# same names for type checkers.
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "controllers.controller": ["Controller"],
+        "controllers.policy": ["ControllerLike", "HasPolicy", "Policy"],
+        "scores.evaluation": ["Evaluation", "evaluate"],
+        "scores.fitness": ["distances"],
+        "scores.rollout": ["Swim", "random_poses", "swim", "swim_all"],
+        "search.evolve": ["EvolveConfig", "Evolved", "damaged_at_random", "evolve_gait"],
+    },
+)

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 
 import grimp
@@ -13,6 +14,7 @@ import pytest
 
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 IN_A_CLONE = ("experiments", "instruments")  # packages that the wheel does not contain
+LAZY = ("eea", "eea.fish", "gait")
 HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
 # What is installed with the package and the environments do without.
 NOT_OF_ENVIRONMENTS = (
@@ -57,15 +59,30 @@ print(*sorted({set(NOT_OF_ENVIRONMENTS)!r} & set(sys.modules)))
     assert result.stdout.split() == []
 
 
+def stub(package: str) -> list[ast.ImportFrom]:
+    """Return the imports in a package's stub, all of which are relative."""
+    path = Path(__file__).parents[1] / package.replace(".", "/") / "__init__.pyi"
+    return [line for line in ast.parse(path.read_text()).body if isinstance(line, ast.ImportFrom)]
+
+
+@pytest.mark.parametrize("package", LAZY)
+def test_a_stub_has_the_names_that_are_imported_when_first_used(package: str) -> None:
+    lazy, names = import_module(package), set()
+    for line in stub(package):
+        module = import_module(f"{package}.{line.module}")
+        found = [alias.name for alias in line.names]
+        for name in module.__all__ if found == ["*"] else found:
+            assert getattr(lazy, name) is getattr(module, name)
+            names.add(name)
+    assert sorted(names) == sorted(lazy.__all__)
+
+
 def test_no_imports_form_a_cycle() -> None:
     """Deferred and type-only imports included; the error names the cycle."""
     graph = grimp.build_graph(*PACKAGES, *IN_A_CLONE, cache_dir=None)
     imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
-    root = Path(__file__).parents[1]
-    for package in ("eea", "eea.fish", "gait"):  # whose lazy imports are in stubs
-        stub = ast.parse((root / package.replace(".", "/") / "__init__.pyi").read_text())
-        lines = [line for line in stub.body if isinstance(line, ast.ImportFrom)]
-        imports[package] = imports[package] | {f"{package}.{line.module}" for line in lines}
+    for package in LAZY:  # grimp reads no stubs
+        imports[package] = imports[package] | {f"{package}.{line.module}" for line in stub(package)}
     TopologicalSorter(imports).prepare()
 
 

@@ -1,8 +1,28 @@
 """The bridge between the algorithms and the fish of ``aquafish_gym``.
 
-The names of ``__init__.pyi`` are imported when they are first used.
+The names below are imported when they are first used.
 """
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "estimate": [
+            "MorphologyEstimate",
+            "estimate_morphology",
+            "estimate_morphology_of",
+            "fish_eea",
+        ],
+        "fins": ["fins_after"],
+        "gap": ["RealityGap"],
+        "log_checks": ["LogCheck", "check_log"],
+        "log_inference": ["infer_log", "watch_swim"],
+        "posterior_file": ["load_posterior", "save_posterior"],
+        "prior": ["known_body"],
+        "simulator": ["EngineSimulator", "fish_problem"],
+        "swim_log": ["SwimLog", "read_log", "write_log"],
+        "target": ["EngineTarget"],
+        "windows": ["Start"],
+    },
+)
