@@ -46,7 +46,9 @@ from aquafish_gym.utils.validation import (
 
 Errors = tuple[type[Exception], ...]
 BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraError)
-FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+FAILED = 1
+REFUSED = 2
+INTERRUPTED = 130
 RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.

@@ -222,7 +222,9 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
     console = Console(stderr=True)
     columns = (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     text = TextColumn("{task.description}", markup=False)
-    done, began, said = 0, time.monotonic(), time.monotonic()
+    done = 0
+    began = time.monotonic()
+    said = time.monotonic()
     with Progress(*columns, text, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
 

@@ -149,7 +149,9 @@ def refuse_difference(
     folder: Path, kind: str, held: Mapping[str, Any], asked: Mapping[str, Any]
 ) -> None:
     """Raise InvalidArgumentError with the first setting, in order, in which two mappings differ."""
-    there, here, missing = flat(held), flat(asked), object()
+    there = flat(held)
+    here = flat(asked)
+    missing = object()
     for name in [*here, *(name for name in there if name not in here)]:
         if here.get(name, missing) != there.get(name, missing):
             raise InvalidArgumentError(

@@ -61,7 +61,9 @@ class _Lines:
     """
 
     def __init__(self, label: str, total: int) -> None:
-        self._done, self._text, self._total = 0, label, total
+        self._done = 0
+        self._text = label
+        self._total = total
         self._began = self._said = time.monotonic()
         self._lock = Lock()
 

@@ -101,7 +101,9 @@ class Screening:
         self, vectors: NDArray[np.float64], build: Build, kept: int, poses: int, restarts: int
     ) -> None:
         self.vectors, self._build = vectors, build
-        self._kept, self._poses, self._restarts = kept, poses, restarts
+        self._kept = kept
+        self._poses = poses
+        self._restarts = restarts
 
     def ask(self) -> Proposal:
         """Return all of them."""

@@ -251,7 +251,10 @@ class _Trials:
         world: WorldConfig,
         start: NDArray[np.float64] | None,
     ) -> None:
-        self._bodies, self._config, self._world, self._start = bodies, config, world, start
+        self._bodies = bodies
+        self._config = config
+        self._world = world
+        self._start = start
         # CMA-ES ranks controllers that differ little. From independent poses it ends at worse
         # gaits, and at some that do well from the fixed swims alone. NEAT is as in the paper.
         self._spread = config.plan.search == "cma"
@@ -342,7 +345,9 @@ def _check(
 
 def _check_first(first: object, config: EvolveConfig) -> None:
     """Refuse a first controller that does not fit a configuration."""
-    checked, task, default = instance("first", first, Controller), config.task, EvolveConfig()
+    checked = instance("first", first, Controller)
+    task = config.task
+    default = EvolveConfig()
     for name in OF_A_NETWORK:
         if getattr(config, name) != getattr(default, name):
             raise InvalidArgumentError(
