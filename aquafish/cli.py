@@ -15,10 +15,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from aquafish_gym.runs.command_line import end_at_signals, run_command_line
 
         with end_at_signals("aquafish"):
-            from eea.__main__ import COMMANDS, REFUSED
+            from eea.__main__ import COMMANDS, REFUSED_ERRORS
             from gait.__main__ import COMMANDS as GAIT_COMMANDS
     except KeyboardInterrupt:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
     commands = {"recover": CASE_STUDY, "view": VIEW, **COMMANDS, **GAIT_COMMANDS}
-    return run_command_line("aquafish", commands, arguments, REFUSED)
+    return run_command_line("aquafish", commands, arguments, REFUSED_ERRORS)

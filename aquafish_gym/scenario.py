@@ -59,7 +59,7 @@ _FIELDS: dict[str, _Field] = {
 
 
 #: The fields of late, slow and scaled channels.
-LATE = ("sensor_scale", "sensor_delay", "sensor_hold", "servo_delay", "servo_hold")
+LATE_FIELDS = ("sensor_scale", "sensor_delay", "sensor_hold", "servo_delay", "servo_hold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,9 @@ class Scenario:
     def is_late(self) -> bool:
         """Whether a channel of any robot, as they are now, is late, slow or scaled."""
         scaled = bool((self.sensor_scale != 1.0).any())
-        return scaled or any(vars(self)[name].any() for name in LATE if name != "sensor_scale")
+        return scaled or any(
+            vars(self)[name].any() for name in LATE_FIELDS if name != "sensor_scale"
+        )
 
     def __repr__(self) -> str:
         return f"Scenario(B={len(self)}, {len(self.schedule)} changes)"

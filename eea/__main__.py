@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from aquafish_gym.runs.command_line import BAD_INPUT, Commands, run_command_line
 from eea.core.checks import ConfigurationError, TargetError
 
-REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
+REFUSED_ERRORS = (*BAD_INPUT, ConfigurationError, TargetError)
 COMMANDS: Commands = {
     "run": ("eea.cli.run:Run", "let a damaged robot infer its own body"),
     "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
@@ -20,7 +20,7 @@ COMMANDS: Commands = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, see ``run_command_line``."""
-    return run_command_line("eea", COMMANDS, arguments, REFUSED)
+    return run_command_line("eea", COMMANDS, arguments, REFUSED_ERRORS)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ COLOURS = {
     "oracle-fins": "#00523c",
 }
 TREATMENT_LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
-ON_THE_PAGE = ("sizes", "distances")
+PAGE_FIGURES = ("sizes", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 REST_POSE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
@@ -72,7 +72,7 @@ def draw_all(
             save_figure(figure, folder / names[-1])
     if filmed:
         names += write_film(folder, job, outcomes)
-    return names, {name: encode_figure(figures[name], "svg") for name in ON_THE_PAGE}
+    return names, {name: encode_figure(figures[name], "svg") for name in PAGE_FIGURES}
 
 
 def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:

@@ -18,7 +18,7 @@ from aquafish_gym.utils.array_types import Triple
 # A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
 # though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot
 # that runs away never reaches infinity there.)
-RUNAWAY = 1e12
+RUNAWAY_SQUARE = 1e12
 
 
 class World(ABC):
@@ -29,7 +29,7 @@ class World(ABC):
     is 0 before the first one.
     """
 
-    diverged = False  #: Whether the robot ran away; see ``RUNAWAY``.
+    diverged = False  #: Whether the robot ran away; see ``RUNAWAY_SQUARE``.
     # The commands that lie less than lag and a step back, of which the first two count.
     _given: deque[NDArray[np.float64]] | None = None
     _rest = 0.0  # of the lag, in steps

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym import command, sense
 from aquafish_gym.command import servo_speeds
-from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE
 from aquafish_gym.envs import motion as motions
 from aquafish_gym.envs import tasks
 from aquafish_gym.envs.motion import MOTION, motion
@@ -239,7 +239,7 @@ def _settle(states: Any, before: Any, now: Any, lost: Any, begin: int, end: int)
             x = np.float64(states[r, i])
             squares[i - begin] += x * x
     for i in range(begin, end):
-        lost[i] = not (nothing[i - begin] == 0.0 and squares[i - begin] < RUNAWAY)
+        lost[i] = not (nothing[i - begin] == 0.0 and squares[i - begin] < RUNAWAY_SQUARE)
         if lost[i]:
             for r in range(STATE_ROWS):
                 now[r, i] = before[r, i]

@@ -21,7 +21,7 @@ from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_f
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.scenario import LATE, TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import LATE_FIELDS, TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Rows, Triple
 from aquafish_gym.utils.validation import (
@@ -238,7 +238,7 @@ class Robots:
     def truth(self) -> dict[str, NDArray[Any]]:
         """Return copies of what damage makes of the robots, by its names in ``info``."""
         now = self.now
-        late = {name: vars(now)[name].copy() for name in LATE} if self.late else {}
+        late = {name: vars(now)[name].copy() for name in LATE_FIELDS} if self.late else {}
         return {
             "faults": now.faults.copy(),
             "morphology": now.body.copy(),

@@ -27,7 +27,7 @@ from aquafish_gym.envs.task import Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
-MOST_STEPS = 360_000  # of 0.01 s in the longest task
+MAXIMUM_TASK_STEPS = 360_000  # of 0.01 s in the longest task
 
 
 class FishSpec(EnvSpec):
@@ -65,7 +65,7 @@ def check_limit(steps: int | None, last: int, task: Task, dt: float) -> None:
     """Raise InvalidArgumentError for a limit of more steps than an episode has."""
     if steps is not None and steps > last:
         hint = ""
-        if steps <= MOST_STEPS:
+        if steps <= MAXIMUM_TASK_STEPS:
             hint = (
                 ": for longer episodes give a longer task, such as "
                 f"task=SwimForward(seconds={steps * dt:g})"

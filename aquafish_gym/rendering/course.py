@@ -21,7 +21,7 @@ from aquafish_gym.utils.validation import (
 )
 
 _LANE = 3.5  # least distance between the paths of two fish, units
-FISH = 2.4  # room for a fish around its centre
+FISH_ROOM = 2.4  # room for a fish around its centre
 # Blue, vermilion, green, purple, orange: distinct for the colour-blind (Okabe and Ito).
 TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
 
@@ -89,7 +89,7 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         lanes,
         list(islice(cycle(TRAILS), len(lanes))),
         floor_below(everywhere),
-        (-FISH, x - _LANE + FISH),
+        (-FISH_ROOM, x - _LANE + FISH_ROOM),
         [(y, f"{CM_PER_UNIT * y:z.0f} cm" if y else "start") for y in places],
     )
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import Camera, CameraView, Frame
-from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
+from aquafish_gym.rendering.course import FISH_ROOM, FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import write_bytes
@@ -129,7 +129,7 @@ def fitting_view(points: Floats, aspect: float) -> CameraView:
     """Return a view from the right and above in which fish at all points (n, 3) are seen."""
     camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
-    around = np.array(list(itertools.product((-FISH, FISH), repeat=3)))
+    around = np.array(list(itertools.product((-FISH_ROOM, FISH_ROOM), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
     centre, far = [], []
     for across, slope in ((x, view.slope * aspect), (y, view.slope)):

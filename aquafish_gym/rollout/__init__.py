@@ -30,7 +30,7 @@ from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 
 __all__ = ["Path", "Program", "Trajectories", "rollout"]
 
-MOST_SECONDS = 3600.0
+MAXIMUM_SECONDS = 3600.0
 
 
 def rollout(
@@ -95,7 +95,7 @@ def rollout(
         if task is None:
             raise InvalidArgumentError("seconds must be given where there is no task")
         seconds = task.seconds
-    seconds = float(finite_array("seconds", seconds, (), TIMESTEP, MOST_SECONDS, "s"))
+    seconds = float(finite_array("seconds", seconds, (), TIMESTEP, MAXIMUM_SECONDS, "s"))
     if memory is not None and task is None:
         raise InvalidArgumentError("memory must be None where there is no task")
     if not isinstance(policy, Program):

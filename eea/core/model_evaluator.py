@@ -11,7 +11,7 @@ from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.fitness import action_fitness, disagreement
 
-DIVERGED = -1e6  # far below any real similarity, and finite, so that means stay finite
+DIVERGED_SIMILARITY = -1e6  # far below any real similarity, and finite, so that means stay finite
 
 
 class ModelEvaluator:
@@ -48,8 +48,8 @@ class ModelEvaluator:
     ) -> Floats:
         """Return sim (B,) between B trials' behaviours and ``observed[which]``.
 
-        That of a diverged robot is ``DIVERGED``. Shapes are (E, F) of ``observed``, (B,) of
-        ``which``.
+        That of a diverged robot is ``DIVERGED_SIMILARITY``. Shapes are (E, F) of ``observed``,
+        (B,) of ``which``.
         """
         if self._comparer is not None:
             sim = likeness(self._comparer.to_observed(trials, observed, which))
@@ -58,7 +58,7 @@ class ModelEvaluator:
             simulated = self.behaviors(trials)
             with np.errstate(invalid="ignore", over="ignore"):
                 sim = similarity(simulated, observed[which])
-        return np.where(np.isfinite(sim), sim, DIVERGED)
+        return np.where(np.isfinite(sim), sim, DIVERGED_SIMILARITY)
 
     def disagreements(self, trials: Trials, models: int) -> Floats:
         """Return ACT_FIT (A,) of A commands, each simulated on ``models`` bodies in a row (Eq. 1).

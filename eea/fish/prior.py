@@ -22,7 +22,7 @@ from eea.joint.problem import Hypothesis, JointProblem
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
-UNCHANGED = "nothing has changed"
+UNCHANGED_NAME = "nothing has changed"
 
 
 def known_body(
@@ -105,7 +105,7 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
         prior = known_body(Morphology.coerce(prior), 1.0, ())
     check_belief("prior", prior, joint)
     best = prior.branches[0]
-    was = Hypothesis(UNCHANGED, best.hypothesis.fixed, freed=best.hypothesis.freed)
+    was = Hypothesis(UNCHANGED_NAME, best.hypothesis.fixed, freed=best.hypothesis.freed)
     odds = CHANGE_PROBABILITY / (1.0 - CHANGE_PROBABILITY) / len(_changes(FINS[0]))
     hypotheses = [
         replace(_joined(was, ways), changes=count, odds=odds**count)

@@ -21,7 +21,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE
-from eea.joint.parameters import FIXED
+from eea.joint.parameters import FIXED_SLOT
 from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
@@ -64,7 +64,7 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         gradient[:size] = parameters.prior_information @ away
         squares = 0.0
         for e in range(len(observed)):
-            used = entries[e] != FIXED
+            used = entries[e] != FIXED_SLOT
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
             at = np.concatenate([entries[e, used], size + np.arange(count)])
             columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]

@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats
 from eea.joint.observed import Observed
-from eea.joint.parameters import FIXED, Parameters
+from eea.joint.parameters import FIXED_SLOT, Parameters
 
 LEAST_DIAGONAL_SHARE = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
-FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
-AFTER_FAILURE = 30.0
+DAMPING_FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
+FAILURE_DAMPING_FACTOR = 30.0
 FIRST_DAMPING = 1e-2
 LEAST_DAMPING = 1e-12
 MOST_DAMPING = 1e10
@@ -107,7 +107,7 @@ class Misfit:
         entries = parameters.slots[self._trials]
         #: The slots (F,) that a descent may change.
         self.free: NDArray[np.intp] = np.flatnonzero(
-            ((entries != FIXED) & self.movable[entries]).any(axis=0)
+            ((entries != FIXED_SLOT) & self.movable[entries]).any(axis=0)
         )
 
     @property
@@ -159,7 +159,7 @@ class Misfit:
         parameters, free = self.parameters, self.free
         local = parameters.local(theta)[:, self._trials]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
-        high = np.where(entries == FIXED, np.inf, parameters.high[entries])
+        high = np.where(entries == FIXED_SLOT, np.inf, parameters.high[entries])
         step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
         step *= self.precision.difference
         moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
@@ -175,7 +175,7 @@ class Misfit:
         blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
         normal = np.zeros((len(theta), len(parameters), len(parameters)))
         for e, one in enumerate(entries):
-            used = one != FIXED
+            used = one != FIXED_SLOT
             at = one[used]
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
         return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
@@ -186,14 +186,14 @@ class Misfit:
         pulls = np.einsum("sefm,sem->sef", slopes, finite)
         pulled = np.zeros((len(slopes), len(self.parameters)))
         for e, entries in enumerate(self.parameters.slots[self._trials][:, self.free]):
-            used = entries != FIXED
+            used = entries != FIXED_SLOT
             pulled[:, entries[used]] += pulls[:, e, used]
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
         """Return J^T r'' (S, P) of steps (S, P) from vectors (S, P)."""
         entries = self.parameters.slots[self._trials][:, self.free]
-        taken = np.where(entries == FIXED, 0.0, step[:, entries])  # (S, E, F)
+        taken = np.where(entries == FIXED_SLOT, 0.0, step[:, entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
         ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -265,7 +265,7 @@ def descend(
         trial = np.stack(
             [
                 _stepped(misfit, here, linear, gradient, normal, factor * damping[live], sigma)
-                for factor in FACTORS
+                for factor in DAMPING_FACTORS
             ]
         )  # (3, L, P)
         flat = trial.reshape(-1, len(parameters))
@@ -280,7 +280,7 @@ def descend(
         theta[moved] = trial[best, pick][better]
         squares[moved] = sums.reshape(trial.shape[:2])[best, pick][better]
         cost[moved] = new[better]
-        factor = np.where(better, np.array(FACTORS)[best], AFTER_FAILURE)
+        factor = np.where(better, np.array(DAMPING_FACTORS)[best], FAILURE_DAMPING_FACTOR)
         damping[live] = np.maximum(damping[live] * factor, LEAST_DAMPING)
         small[live] = np.where(better & (gain >= tolerance), 0, small[live] + 1)
         # Failures with too little damping are no sign of convergence.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis, JointProblem, Prior
 
-FIXED = -1  # in ``slots``: a constant instead of a parameter
+FIXED_SLOT = -1  # in ``slots``: a constant instead of a parameter
 # The prior's precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
 
@@ -32,7 +32,9 @@ class Parameters:
     circular: NDArray[np.bool_]  #: Whether each entry (P,) is an angle.
     prior_mean: Floats  #: Of the normal prior (P,).
     prior_information: Floats  #: (P, P), its inverse covariance; 0 is uniform.
-    slots: NDArray[np.intp]  #: (E, W) the entry whose value each trial's slot takes, or ``FIXED``.
+    slots: NDArray[
+        np.intp
+    ]  #: (E, W) the entry whose value each trial's slot takes, or ``FIXED_SLOT``.
     _places: NDArray[np.intp]  # (P,) the slot that takes each entry
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
@@ -83,7 +85,7 @@ class Parameters:
                 own.append((name, i, mean, precision))
         for i, name in enumerate(hidden, len(models) + len(nuisances)):
             (shared if name in hypothesis.shared_angles else own).append((name, i, 0.0, 0.0))
-        slots = np.full((trials, len(low)), FIXED, dtype=np.intp)
+        slots = np.full((trials, len(low)), FIXED_SLOT, dtype=np.intp)
         for entry, (name, i, _, _) in enumerate(shared):
             if name not in hypothesis.fixed:
                 slots[:, i] = entry
@@ -120,7 +122,7 @@ class Parameters:
     @property
     def unknowns(self) -> int:
         """Number of entries that are not constant."""
-        return len(np.unique(self.slots[self.slots != FIXED]))
+        return len(np.unique(self.slots[self.slots != FIXED_SLOT]))
 
     @property
     def prior_precision(self) -> Floats:
@@ -129,7 +131,7 @@ class Parameters:
 
     def local(self, theta: Floats) -> Floats:
         """Return the slots' values (S, E, W) of vectors (S, P), in the same units."""
-        values: Floats = np.where(self.slots == FIXED, self._constants, theta[:, self.slots])
+        values: Floats = np.where(self.slots == FIXED_SLOT, self._constants, theta[:, self.slots])
         return values
 
     def inputs(self, local: Floats) -> list[Floats]:
@@ -164,7 +166,9 @@ class Parameters:
 
     def own_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries are a trial's alone."""
-        own = [entry for entry in self.slots[trial] if entry != FIXED and "@" in self.names[entry]]
+        own = [
+            entry for entry in self.slots[trial] if entry != FIXED_SLOT and "@" in self.names[entry]
+        ]
         return np.array(own, dtype=np.intp)
 
     def freed_entries(self) -> NDArray[np.intp]:

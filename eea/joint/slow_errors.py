@@ -13,7 +13,7 @@ from scipy.special import gammaincc
 
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE, Regression
-from eea.joint.parameters import FIXED
+from eea.joint.parameters import FIXED_SLOT
 
 LEAST_EIGENVALUE_SHARE = 1e-12  # of the largest scaled eigenvalue: directions without information
 ACTIVE_BOUND_DISTANCE = 1e-9  # of a range
@@ -43,7 +43,7 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
     sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
     power, weight = np.zeros(2), np.zeros(3)
     for e in range(len(observed)):
-        used = entries[e] != FIXED
+        used = entries[e] != FIXED_SLOT
         used[used] = inner[entries[e, used]]
         at = entries[e, used]
         waves = np.concatenate([linear.slopes[0, e, used], linear.residuals[0, e][None]])

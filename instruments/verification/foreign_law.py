@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.scenario import TIMESTEP
 from instruments.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
@@ -62,7 +62,7 @@ def simulate_law(
     for i, target in enumerate(path[1:]):
         turned = data.xmat[CAPSULE].reshape(3, 3)
         velocity, spin = turned.T @ data.qvel[:3], data.qvel[3:BASE]
-        if not velocity @ velocity + spin @ spin < RUNAWAY:
+        if not velocity @ velocity + spin @ spin < RUNAWAY_SQUARE:
             break
         force, torque = surface.wrench(velocity, spin, path[i], data.qvel[BASE:])
         data.xfrc_applied[CAPSULE, :3] = turned @ force

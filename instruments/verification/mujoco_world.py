@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY, World
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.attitude import attitude, continue_attitude
@@ -112,12 +112,12 @@ class MujocoWorld(World):
         control, base = data.ctrl, data.qvel[:BASE]
         for target in hinge_angles(path):
             # Looked at before each step, since MuJoCo warns in files. Written so that NaN fails it.
-            if not base @ base < RUNAWAY:
+            if not base @ base < RUNAWAY_SQUARE:
                 break
             control[:] = target
             step(model, data)
         self._turned = path[-1]
-        self.diverged = self.diverged or not base @ base < RUNAWAY
+        self.diverged = self.diverged or not base @ base < RUNAWAY_SQUARE
         if self.diverged:
             data.qpos[:] = data.qvel[:] = math.nan
 

@@ -14,7 +14,7 @@ from eea.core.behavior import summarize
 from eea.core.checks import TargetError
 from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig, PaperConfig
 from eea.core.experiment import RecordedLog, Trials
-from eea.core.model_evaluator import DIVERGED
+from eea.core.model_evaluator import DIVERGED_SIMILARITY
 from eea.core.session import streams
 from fake_fish import (
     ACTIONS,
@@ -145,7 +145,7 @@ def test_diverging_body_loses():
 
     record = evolved(Fragile(), estimation=EstimationConfig(generations=5)).result.rounds[-1]
     assert record.morphology[0] <= 0.3
-    assert DIVERGED < record.model_fitness <= 1
+    assert DIVERGED_SIMILARITY < record.model_fitness <= 1
 
 
 def test_simulator_must_log_every_trial_and_step():

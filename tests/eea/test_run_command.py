@@ -9,7 +9,7 @@ from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import parse, read_morphology
 from aquafish_gym.utils.storage import read_document
-from eea.__main__ import REFUSED as ERRORS
+from eea.__main__ import REFUSED_ERRORS as ERRORS
 from eea.__main__ import main
 from eea.cli.run import Run
 from eea.core.config import Config, JointConfig, PaperConfig, recovery_config

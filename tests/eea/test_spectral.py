@@ -7,7 +7,7 @@ import pytest
 
 from aquafish_gym.imu import ImuLog
 from eea.core.experiment import Simulator, Trials
-from eea.core.model_evaluator import DIVERGED, ModelEvaluator
+from eea.core.model_evaluator import DIVERGED_SIMILARITY, ModelEvaluator
 from eea.fish.simulator import EngineSimulator
 from eea.fish.spectral import SpectralComparer
 from instruments.verification.trials import random_trials
@@ -72,8 +72,8 @@ def test_a_robot_that_diverged_is_like_nothing(
     monkeypatch.setattr(SpectralComparer, "_spectra", sick)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
     sim = lab.similarities(TRIALS, observed, which)
-    assert sim[2] == DIVERGED
-    assert (sim[np.arange(30) != 2] > DIVERGED).all()
+    assert sim[2] == DIVERGED_SIMILARITY
+    assert (sim[np.arange(30) != 2] > DIVERGED_SIMILARITY).all()
     assert not np.isfinite(lab.disagreements(TRIALS, MODELS)[0])
 
 

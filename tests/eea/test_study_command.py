@@ -12,7 +12,7 @@ from aquafish_gym.runs.command_line import parse
 from aquafish_gym.runs.jobs import SCHEMA as RESULT
 from aquafish_gym.runs.manifest import write_manifest
 from aquafish_gym.utils.storage import read_document
-from eea.__main__ import REFUSED as ERRORS
+from eea.__main__ import REFUSED_ERRORS as ERRORS
 from eea.__main__ import main
 from eea.cli.study import StudyCommand
 from eea.study.presets import figure_config

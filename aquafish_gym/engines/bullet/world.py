@@ -20,7 +20,7 @@ import numpy as np
 
 from aquafish_gym.engines.bullet.push import compiled_push, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY, World
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
     Joints,
@@ -256,7 +256,7 @@ class BulletWorld(World):
             self.velocity, self.world_spin = p.getBaseVelocity(robot, physicsClientId=client)
             (vx, vy, vz), (wx, wy, wz) = self.velocity, self.world_spin
             # Written so that NaN fails it.
-            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < RUNAWAY:
+            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < RUNAWAY_SQUARE:
                 self._diverge()
 
     def _diverge(self) -> None:

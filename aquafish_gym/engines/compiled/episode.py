@@ -11,7 +11,7 @@ from itertools import accumulate
 from typing import Any
 
 from aquafish_gym.command import reckon
-from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
@@ -132,7 +132,7 @@ def note_reward(kept: Any, terms: tuple[Number, ...], velocity: Vector, spin: Ve
     """Add the terms of a reward, unless the robot has diverged."""
     like = velocity[0]
     square = dot(velocity, velocity) + dot(spin, spin)
-    alive = where_less(square, RUNAWAY, fetch(kept, ALIVE_ROW, like), 0.0)
+    alive = where_less(square, RUNAWAY_SQUARE, fetch(kept, ALIVE_ROW, like), 0.0)
     total = fetch(kept, TOTAL_ROW, like)
     reward = 0.0 * like
     for term in terms:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.worlds import RUNAWAY, World
+from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
@@ -69,7 +69,7 @@ def compile_single(reactive: bool = False) -> Any:
             nothing += v[i] * 0.0
         for i in range(VELOCITY, LEFT):
             squares += v[i] * v[i]
-        return nothing == 0.0 and squares < RUNAWAY
+        return nothing == 0.0 and squares < RUNAWAY_SQUARE
 
     # Division by zero is infinity, as in the lanes, and no exception.
     return compiled(advance, slow=True, nogil=True, error_model="numpy")

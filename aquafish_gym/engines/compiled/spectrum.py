@@ -26,7 +26,7 @@ from aquafish_gym.physics.compiling import compiled_function
 GYRO_AXES = 3
 # Sums over coefficients always run in sixteen partial sums, whatever the machine's registers:
 # their rounding does not depend on it.
-PARTIAL = 16
+PARTIAL_SUMS = 16
 
 
 def coefficients(samples: int) -> int:
@@ -36,7 +36,7 @@ def coefficients(samples: int) -> int:
 
 def padded(samples: int) -> int:
     """Return F', the coefficients filled up to a multiple of 16."""
-    return -(-coefficients(samples) // PARTIAL) * PARTIAL
+    return -(-coefficients(samples) // PARTIAL_SUMS) * PARTIAL_SUMS
 
 
 @functools.cache
@@ -51,7 +51,7 @@ def roots_of_unity(samples: int, dtype: str) -> NDArray[np.floating]:
 def pack_spectra(behaviors: NDArray[Any], dtype: type[np.floating]) -> NDArray[np.floating]:
     """Return complex coefficients (E, F) in the form of spectra, (E, 2, F')."""
     count = behaviors.shape[-1]
-    packed = np.zeros((len(behaviors), 2, -(-count // PARTIAL) * PARTIAL), dtype)
+    packed = np.zeros((len(behaviors), 2, -(-count // PARTIAL_SUMS) * PARTIAL_SUMS), dtype)
     packed[:, 0, :count] = behaviors.real
     packed[:, 1, :count] = behaviors.imag
     return packed
@@ -189,24 +189,24 @@ def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: 
         total = total + math.sqrt(fma(re, re, im * im))
     put(sums, 0, total)
     found = 0.0
-    for lane in range(PARTIAL):
+    for lane in range(PARTIAL_SUMS):
         found += sums[lane]
     return found
 
 
 def _to_observed(spectra: Any, observed: Any, which: Any, out: Any) -> None:
-    sums = np.empty(PARTIAL, spectra.dtype)
-    zero = simd.zero_lanes(sums, PARTIAL)
-    rows = spectra.shape[2] // PARTIAL
+    sums = np.empty(PARTIAL_SUMS, spectra.dtype)
+    zero = simd.zero_lanes(sums, PARTIAL_SUMS)
+    rows = spectra.shape[2] // PARTIAL_SUMS
     one, other = spectra.reshape(-1), observed.reshape(-1)
     for b in range(len(out)):
         out[b] = _distance(one, b, other, which[b], rows, sums, zero)
 
 
 def _between_pairs(spectra: Any, models: int, out: Any) -> None:
-    sums = np.empty(PARTIAL, spectra.dtype)
-    zero = simd.zero_lanes(sums, PARTIAL)
-    rows = spectra.shape[2] // PARTIAL
+    sums = np.empty(PARTIAL_SUMS, spectra.dtype)
+    zero = simd.zero_lanes(sums, PARTIAL_SUMS)
+    rows = spectra.shape[2] // PARTIAL_SUMS
     flat = spectra.reshape(-1)
     for action in range(len(out)):
         total, first = 0.0, action * models

@@ -27,7 +27,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_joint
-from eea.fish.prior import UNCHANGED, since
+from eea.fish.prior import UNCHANGED_NAME, since
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import Start, log_windows
 from eea.joint.joint_posterior import JointPosterior
@@ -102,7 +102,7 @@ def test_a_known_start_leaves_nothing_to_explain() -> None:
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        ("none", UNCHANGED),
+        ("none", UNCHANGED_NAME),
         ("caudal:weak=0.4", "the servo of the tail has another speed"),
         ("caudal:reversed", "the servo of the tail has another speed"),
         ("left_pectoral:missing", "the left flipper is missing"),
@@ -164,7 +164,7 @@ def test_a_posterior_is_a_prior_with_its_noise(shorter: JointPosterior) -> None:
     )
     belief = found.belief
     assert isinstance(belief, JointPosterior)
-    assert belief.branches[0].hypothesis.name == UNCHANGED
+    assert belief.branches[0].hypothesis.name == UNCHANGED_NAME
     assert belief.sigma == before.sigma
     assert belief.spread.sum() < 0.7 * before.spread.sum()  # of both swims together
 
@@ -195,7 +195,7 @@ def test_a_log_of_an_environment_is_understood() -> None:
     log = SwimLog(DT * np.arange(26), np.array(gyro), commands)
     found = infer_log(log, KNOWN, prior=WHOLE, start=start, threads=1)
     assert isinstance(found.belief, JointPosterior)
-    assert found.belief.branches[0].hypothesis.name == UNCHANGED
+    assert found.belief.branches[0].hypothesis.name == UNCHANGED_NAME
     assert found.belief.good
 
 
