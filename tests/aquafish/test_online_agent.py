@@ -143,7 +143,7 @@ def test_a_second_fault_is_recognised_beside_the_first() -> None:
 
 
 @pytest.mark.parametrize("gyro_only", [False, True], ids=["imu", "gyroscope"])
-def test_it_finds_where_its_fins_are(gyro_only: bool) -> None:
+def test_unknown_fin_angles_are_found(gyro_only: bool) -> None:
     config = AgentConfig(gyro_noise=0.01, gyro_only=gyro_only, refinements=0)
     agent, info, _ = swim("gyro:noise=0.01", 60, config, known=False)
     error = angles_of_rows(agent.model.state) - info["fin_angles"]

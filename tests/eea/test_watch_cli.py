@@ -42,7 +42,7 @@ def test_a_swim_of_the_same_body_is_said_to_be_that(
     assert "4 windows: this is still the body that was inferred" in capsys.readouterr().out
 
 
-def test_a_change_is_said_drawn_and_written(
+def test_a_change_is_printed_plotted_and_saved(
     belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = Damage.parse("right_pectoral:length=0.6").apply(Morphology.coerce(BODY))
