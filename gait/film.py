@@ -141,7 +141,7 @@ class Film(Given):
 def filmed(
     label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = NO_DAMAGE
 ) -> FilmedSwim:
-    """Return a recorded swim to film, of a body and what damage makes of it.
+    """Return a film of a recorded swim, of a body with its damage.
 
     A fin is broken if it has another size or its servo does not follow its command.
     """

@@ -87,7 +87,7 @@ class SelfModelAgent:
     Parameters
     ----------
     library
-        Gaits, of which it swims the first until something breaks; None is the packaged library.
+        Gaits; the agent swims the first until something breaks. None is the packaged library.
     config
         Settings.
     robot

@@ -177,8 +177,8 @@ def recognise(
         What the robot may have been until then, scenarios of one; the present belief first, the
         last with its sensors whole.
     states
-        (25,) the states before the first action, the second, and so on, at any of which something
-        may have broken.
+        (25,) the states before the first action, the second, and so on. Something may have broken
+        at any of them.
     observed, actions
         (K, 9) observations, NaN where a channel was not observed, each after its action (K, 3).
     drift

@@ -25,7 +25,7 @@ from gait.scores.rollout import Swim
 from gait.scores.transfer import TransferConfig, transfer
 from gait.search.evolve import EvolveConfig, damaged_at_random, evolve_gait
 
-EVOLVED_BODIES = 50  # from a posterior, or randomly damaged, for each of which a gait is scored
+EVOLVED_BODIES = 50  # from a posterior, or randomly damaged, that one gait is evolved for
 OUTCOME_MASS = 0.9  # of the posterior intervals in an outcome
 PATH_FIELDS = ("time", "position", "quaternion", "fin_angles")
 PATH_DECIMALS = 6  # of a path's numbers, as many as a float32 holds

@@ -78,7 +78,7 @@ class LiveSwim:
     states
         (25, B) in the order of ``aquafish_gym.physics.layout``.
     robots
-        The scenario (B robots) that damage makes of them at present.
+        The current scenario (B robots), with its damage.
     observed
         (B, 9) the last observations.
     actions, held

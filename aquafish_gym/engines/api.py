@@ -54,7 +54,7 @@ def simulate(
         the nominal body. One body serves for all trials.
     commands
         (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all. Or series of K commands,
-        (B, K, 3), of which each is held for ``interval`` samples, and the last to the end.
+        (B, K, 3); each is held for ``interval`` samples, and the last to the end.
     fin_angles
         (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
         zero is arms back.

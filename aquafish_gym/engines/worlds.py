@@ -30,7 +30,7 @@ class World(ABC):
     """
 
     diverged = False  #: Whether the robot ran away; see ``RUNAWAY_SQUARE``.
-    # The commands that lie less than lag and a step back, of which the first two count.
+    # The commands of the last lag and step; the first two of them count.
     _given: deque[NDArray[np.float64]] | None = None
     _rest = 0.0  # of the lag, in steps
 

@@ -236,7 +236,7 @@ class Robots:
         return (left, right, caudal)
 
     def truth(self) -> dict[str, NDArray[Any]]:
-        """Return copies of what damage makes of the robots, by its names in ``info``."""
+        """Return copies of the robots' damaged properties, by their names in ``info``."""
         now = self.now
         late = {name: vars(now)[name].copy() for name in LATE_FIELDS} if self.late else {}
         return {

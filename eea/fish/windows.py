@@ -142,8 +142,8 @@ def log_windows(
     moving
         Whether each trial's record begins in mid-swim, in an unknown state.
     seconds
-        Length of a window, of which there are then as many as fit; one has at least 16 readings,
-        and lasts as long as these take. None for the above.
+        Length of a window. A trial has as many windows as fit. Each has at least 16 readings, and
+        lasts as long as these take. None for the above.
     start
         The state in which each trial begins, if it is known.
 

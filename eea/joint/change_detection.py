@@ -57,7 +57,7 @@ class ChangeDetector:
         The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
         have their posterior, by name.
     belief
-        The posterior, of which the most probable hypothesis is used.
+        The posterior. Its most probable hypothesis is used.
     alarm
         Probability of a false alarm in each window.
     seed

@@ -152,7 +152,7 @@ class Parameters:
     def typical(self, bodies: Floats) -> Floats:
         """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero.
 
-        Sizes of which there is a prior are as it expects.
+        Sizes with a prior are at its mean.
         """
         theta: Floats = np.tile(self.prior_mean, (len(bodies), 1))
         sought = self.prior_precision[: self.body] == 0.0
