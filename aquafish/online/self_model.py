@@ -84,7 +84,7 @@ class SelfModel:
     --------
     >>> model = SelfModel(Scenario.create(gyro_noise=[0.01]), (0.0, 0.5, 1.0))
     >>> model.step((0.2, -0.2, 1.0))
-    >>> model.correct(observe(model.state[:, None])[0]) < 0.1
+    >>> model.correct(imu_readings(model.state[:, None])[0]) < 0.1
     True
     """
 

@@ -91,7 +91,7 @@ class RobotInfo(dict[str, Any]):
 
     Examples
     --------
-    >>> info = Info(Table({"x": np.array([1.0, 2.0])}), 1)
+    >>> info = RobotInfo(Table({"x": np.array([1.0, 2.0])}), 1)
     >>> info == {"x": 2.0}, dict(info), "y" in info
     (True, {'x': 2.0}, False)
     """
