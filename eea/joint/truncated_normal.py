@@ -10,6 +10,8 @@ to 1 range along random axes, 16 to 73% of the points are accepted, and none by 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
@@ -30,26 +32,43 @@ SWEEPS_BETWEEN_POINTS = 5
 
 def log_mass(low: ArrayLike, high: ArrayLike) -> Floats:
     """Return the log of the standard normal mass from ``low`` to ``high``, also far out."""
-    left, right, _ = _mirror(low, high)
-    top = log_ndtr(right)
-    mass: Floats = top + np.log(np.maximum(-np.expm1(log_ndtr(left) - top), 1e-300))
-    return mass
+    return _Between.of(low, high).log_mass
 
 
 def draw_between(low: ArrayLike, high: ArrayLike, rng: np.random.Generator) -> Floats:
     """Return standard normal numbers truncated to [``low``, ``high``], of the ends' shape."""
-    left, right, mirrored = _mirror(low, high)
-    top = log_ndtr(right)
-    beyond = rng.random(np.shape(top)) * np.expm1(log_ndtr(left) - top)
-    drawn: Floats = np.clip(ndtri_exp(top + np.log1p(beyond)), left, right)
-    return np.where(mirrored, -drawn, drawn)
+    return _Between.of(low, high).draw(rng)
 
 
-def _mirror(low: ArrayLike, high: ArrayLike) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return the ends with those right of 0 mirrored, where the tail's logarithms are exact."""
-    low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-    mirrored = low > 0.0
-    return np.where(mirrored, -high, low), np.where(mirrored, -low, high), mirrored
+class _Between(NamedTuple):
+    """The standard normal between two ends: their logarithms are most of the time that it takes."""
+
+    #: The ends, mirrored where both are right of 0: the logarithms of the left tail are exact.
+    left: Floats
+    right: Floats
+    mirrored: NDArray[np.bool_]
+    top: Floats  #: Log of the mass below ``right``.
+    lost: Floats  #: Minus the share of that mass that is above ``left``.
+
+    @classmethod
+    def of(cls, low: ArrayLike, high: ArrayLike) -> _Between:
+        low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        mirrored = low > 0.0
+        left, right = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
+        top = log_ndtr(right)
+        return cls(left, right, mirrored, top, np.expm1(log_ndtr(left) - top))
+
+    @property
+    def log_mass(self) -> Floats:
+        """Log of the mass between the ends."""
+        mass: Floats = self.top + np.log(np.maximum(-self.lost, 1e-300))
+        return mass
+
+    def draw(self, rng: np.random.Generator) -> Floats:
+        """Return numbers between the ends, of their shape."""
+        beyond = rng.random(np.shape(self.top)) * self.lost
+        drawn: Floats = np.clip(ndtri_exp(self.top + np.log1p(beyond)), self.left, self.right)
+        return np.where(self.mirrored, -drawn, drawn)
 
 
 def _root(information: Floats, floor: Floats) -> Floats:
@@ -198,9 +217,9 @@ class BoxNormal:
         z, weights = np.zeros((count, len(low))), np.zeros(count)
         for k, tilt in enumerate(self._tilt):
             shift = tilt + z[:, :k] @ lower[k, :k]
-            left, right = low[k] - shift, high[k] - shift
-            z[:, k] = tilt + draw_between(left, right, rng)
-            weights += log_mass(left, right) + 0.5 * tilt**2 - tilt * z[:, k]
+            between = _Between.of(low[k] - shift, high[k] - shift)
+            z[:, k] = tilt + between.draw(rng)
+            weights += between.log_mass + 0.5 * tilt**2 - tilt * z[:, k]
         points = np.empty_like(z)
         points[:, self._order] = z @ self._lower.T
         return np.clip(self._centre + points, self.low, self.high), weights
