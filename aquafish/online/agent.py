@@ -21,6 +21,7 @@ from aquafish.online.self_model import (
     RECOGNISED_ERROR,
     SelfModel,
     noise_of,
+    observed_directions,
     predict,
 )
 from aquafish.online.watch import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
@@ -198,7 +199,7 @@ class SelfModelAgent:
             raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
         if self._steps:
             readings, most = given.reshape(-1)[: len(CHANNELS)], limits(False, False)
-            self._observe(_with_directions(valid_readings(readings, most)))
+            self._observe(observed_directions(valid_readings(readings, most)))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
@@ -386,16 +387,3 @@ def _alike(one: Scenario, other: Scenario) -> bool:
     sizes = np.abs(one.body - other.body).max()
     gains = np.abs(one.servo_gain - other.servo_gain).max()
     return bool(max(sizes, gains) <= SAME_GAIT_DIFFERENCE)
-
-
-def _with_directions(readings: Floats) -> Floats:
-    """Return readings (9,), NaN where up or north has no length: one axis may read 0, not all.
-
-    An observation of nothing but zeros was not transmitted.
-    """
-    if not readings.any():
-        return np.full_like(readings, np.nan)
-    for direction in (slice(0, 3), slice(3, 6)):
-        if not readings[direction].any():
-            readings[direction] = np.nan
-    return readings

@@ -203,6 +203,19 @@ def predict(
     return observed, lanes.rows()
 
 
+def observed_directions(readings: Floats) -> Floats:
+    """Return readings (9,), NaN where up or north has no length: one axis may read 0, not all.
+
+    An observation of nothing but zeros was not transmitted.
+    """
+    if not readings.any():
+        return np.full_like(readings, np.nan)
+    for direction in (slice(0, 3), slice(3, 6)):
+        if not readings[direction].any():
+            readings[direction] = np.nan
+    return readings
+
+
 def noise_of(robot: Scenario) -> Floats:
     """Return the standard deviations (9,) of one robot's observations.
 

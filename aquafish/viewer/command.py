@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 from tyro.conf import arg
 
 from aquafish.online.gaits import load_library
+from aquafish.viewer.door import viser_module
 from aquafish.viewer.live import (
     MAXIMUM_VIEWED_ROBOTS,
     LiveSwim,
@@ -19,7 +20,7 @@ from aquafish.viewer.live import (
     random_pilot,
     self_model_pilot,
 )
-from aquafish.viewer.page import Viewer, viser_module
+from aquafish.viewer.page import Viewer
 from aquafish_gym.runs.command_line import EpisodeDamage
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controllers.controller import Controller

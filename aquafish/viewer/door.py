@@ -14,6 +14,8 @@ from typing import Any
 from unittest.mock import patch
 from urllib.parse import urlsplit
 
+from aquafish_gym.utils.validation import MissingExtraError, install_advice
+
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 LONGEST_MESSAGE = 16 * 1024  # bytes: the page sends a few hundred, and no files
 LONGEST_TEXT = 500  # characters of a control
@@ -25,6 +27,18 @@ CAMERA = {
 CLICK = {"ray_origin": 3, "ray_direction": 3, "screen_pos": 2}
 
 Message = dict[str, Any]
+
+
+def viser_module() -> Any:
+    """Return the package viser; MissingExtraError without it."""
+    try:
+        import viser
+        import viser.uplot
+    except ImportError as error:
+        raise MissingExtraError(
+            f"the viewer needs the extra view ({error}): {install_advice('view')}"
+        ) from None
+    return viser
 
 
 def is_own_page(hosts: list[str], origins: list[str]) -> bool:

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import SelfModelAgent
-from aquafish.online.self_model import ATTITUDE_ERRORS, FIN_ERRORS, VELOCITY_ERRORS
 from aquafish.online.watch import CALIBRATION_ACTIONS
 from aquafish.viewer import live
-from aquafish.viewer.door import as_code, checked_message, guarded
+from aquafish.viewer.door import as_code, checked_message, guarded, viser_module
 from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
+from aquafish.viewer.thoughts import words_about
 from aquafish_gym.damage import Fault
 from aquafish_gym.damage.faults import PARTS
 from aquafish_gym.morphology import DIMENSIONS, FINS
@@ -29,7 +29,7 @@ from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, DrawnRobots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.array_types import Floats
-from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 MN_PER_UNIT = 6.25
 MAXIMUM_REQUESTS = 20  # requests between two updates
@@ -45,18 +45,6 @@ ARROW_COLOUR = (230, 120, 0)
 TRAIL_COLOUR = (0, 90, 140)
 AXIS_COLOURS = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
 FAULT_WORDS = [word for word in PARTS["caudal"] if word != "thickness"]
-
-
-def viser_module() -> Any:
-    """Return the package viser; MissingExtraError without it."""
-    try:
-        import viser
-        import viser.uplot
-    except ImportError as error:
-        raise MissingExtraError(
-            f"the viewer needs the extra view ({error}): {install_advice('view')}"
-        ) from None
-    return viser
 
 
 class Viewer:
@@ -372,31 +360,7 @@ class Viewer:
         if self.calibrates_for > 0:
             waits = f"\n\nIn {math.ceil(self.calibrates_for)} s: the self-model measures its error."
         self.damage.content = f"broken: {as_code(swim.damage_now(me))}{waits}{self._problem}"
-        self.thoughts.content = self._thoughts()
-
-    def _thoughts(self) -> str:
-        agent = self.agent
-        if agent is None:
-            return "choose one robot and 'self-model' to see its estimate"
-        sd = np.sqrt(np.diag(agent.model.covariance))
-        attitude, fins = np.degrees([sd[ATTITUDE_ERRORS].max(), sd[FIN_ERRORS].max()])
-        lines = [
-            f"± {attitude:.2g}° attitude, ± {fins:.2g}° fins, "
-            f"± {CM_PER_UNIT * sd[VELOCITY_ERRORS].max():.2g} cm/s (1 sd)"
-        ]
-        if (left := self.calibrates_for) > 0:
-            lines.append(f"measures its own error for {left:.0f} s more")
-        if agent.recognised is not None:
-            several = agent.recognised.alternatives[:3]
-            lines += [
-                f"{one.weight:.0%} {as_code(one.hypothesis)}"
-                for one in several
-                if one.weight > 0.005
-            ]
-        lines += [
-            as_code(f"{e.seconds:.1f} s {e.what}: {e.about}") for e in reversed(agent.events[-6:])
-        ]
-        return "\n\n".join(lines)
+        self.thoughts.content = words_about(self.agent, self.calibrates_for)
 
     def run(self) -> None:
         """Print the address, update 20 times a second until Ctrl-C, then stop the server."""
