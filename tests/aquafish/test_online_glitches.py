@@ -14,8 +14,8 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import MODEL_ERROR, SelfModel
 from aquafish.online.watch import ErrorCalibration, SurpriseMonitor
-from aquafish_gym.envs.episode import limits
 from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.sense import limits
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agent import ControllerAgent
 

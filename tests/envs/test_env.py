@@ -23,14 +23,10 @@ from hypothesis.extra import numpy as hnp
 import aquafish_gym
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.episode import (
-    check_action,
-    check_single_action,
-    observation_space,
-    observe,
-)
+from aquafish_gym.envs.episode import check_action, check_single_action, observation_space
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.kinematics import at_rest
+from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 ENGINES = ("numba", "pybullet")
