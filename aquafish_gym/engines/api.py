@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_series
-from aquafish_gym.engines.packages import MAXIMUM_THREADS
+from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -193,11 +191,8 @@ def simulate_scenario(
 def _check_log_fits(batch: int, steps: int, record: str, dtype: type[np.floating]) -> None:
     """Refuse a log that is larger than this machine's memory: the system might kill the process."""
     wanted = batch * steps * RECORDS[record] * np.dtype(dtype).itemsize
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):  # this system does not say
-        return
-    if wanted > memory:
+    memory = machine_memory()
+    if memory is not None and wanted > memory:
         raise InvalidArgumentError(
             f"a log of {steps} steps of {batch} robots would take {wanted / 2**30:,.0f} GiB, and "
             f"this machine has {memory / 2**30:,.0f} GiB of memory; take fewer steps or robots"

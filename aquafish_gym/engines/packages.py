@@ -69,6 +69,14 @@ def _import_quietly() -> Any:
         os.close(kept)
 
 
+def machine_memory() -> int | None:
+    """Return this machine's memory in bytes; None if the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
 def available_cores() -> int:
     """Return how many cores this process may use."""
     if hasattr(os, "sched_getaffinity"):

@@ -27,9 +27,14 @@ class WorldBatch:
         self.batch = len(scenario)
         self._states = np.zeros((STATE_ROWS, self.batch))
         self._commands = np.zeros((3, self.batch))
-        self._worlds = [make_world(engine, scenario.take(i)) for i in range(self.batch)]
-        for robot in range(self.batch):
-            self._read(robot)
+        self._worlds: list[World] = []
+        try:
+            for robot in range(self.batch):
+                self._worlds.append(make_world(engine, scenario.take(robot)))
+                self._read(robot)
+        except BaseException:
+            self.close()  # an engine such as PyBullet has only so much to give
+            raise
 
     def restart(self, rows: Rows, scenario: Scenario) -> None:
         """Put the robots ``rows`` (n,) at the start of a scenario of n."""

@@ -130,4 +130,8 @@ def make_swimmers(
         raise InvalidArgumentError(
             f"threads has no effect on other engines than numba; got {brief(threads)}"
         )
+    if found == "pybullet":
+        from aquafish_gym.engines.bullet.world import check_clients_fit
+
+        check_clients_fit("num_envs", len(scenario))
     return WorldBatch(scenario, found)

@@ -65,7 +65,9 @@ class AquaFishVectorEnv(
         As the single environment's, for all; or (num_envs, 9) sizes, one body each.
     engine
         ``"numba"``, thousands at once, which ``"auto"`` is here; or what the single environment
-        takes: ``"pybullet"`` or a ``World``, one robot after another.
+        takes: ``"pybullet"`` or a ``World``, one robot after another. Robots on PyBullet take
+        28 MiB each, at most 1024 of them, and can be neither pickled, copied nor used after
+        ``close``.
     render_mode
         ``"rgb_array"`` or None; ``render`` returns a frame a robot.
     dtype

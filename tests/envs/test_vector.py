@@ -18,10 +18,11 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
 from aquafish_gym.engines.compiled import lanes
+from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS, Step, SwimForward, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 COUNT = 3
 
@@ -381,3 +382,60 @@ def test_what_other_engines_have_not_is_refused(options: dict[str, Any], words: 
     pytest.importorskip("pybullet")
     with pytest.raises(InvalidArgumentError, match=words):
         make(engine="pybullet", **options)
+
+
+def test_a_closed_batch_on_pybullet_refuses_to_work() -> None:
+    """Its clients may serve other robots by then."""
+    pytest.importorskip("pybullet")
+    env = make(engine="pybullet")
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    other = make(engine="pybullet")
+    other.reset(seed=0)
+    for act in (lambda: env.step(actions(0, 1)[0]), lambda: env.reset(seed=0)):
+        with pytest.raises(RuntimeError, match="PyBullet world is closed"):
+            act()
+    other.close()
+
+
+def test_too_many_robots_for_pybullet_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pybullet")
+    from aquafish_gym.engines.bullet import world
+
+    with pytest.raises(InvalidArgumentError, match="num_envs must be at most 1024"):
+        make(engine="pybullet", num_envs=1025)
+    monkeypatch.setattr(world, "machine_memory", lambda: 5 * world.CLIENT_BYTES)
+    make(engine="pybullet", num_envs=5).close()
+    with pytest.raises(InvalidArgumentError, match="num_envs must be at most 5"):
+        make(engine="pybullet", num_envs=6)
+
+
+def test_clients_are_given_back_when_pybullet_has_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    pybullet = pytest.importorskip("pybullet")
+    from aquafish_gym.engines.bullet import world
+
+    class Full:
+        """PyBullet with all its clients in use."""
+
+        def __getattr__(self, name: str) -> Any:
+            return (lambda _: -1) if name == "connect" else getattr(pybullet, name)
+
+    make(engine="pybullet", num_envs=2).close()
+    idle = sorted(world._idle_clients)
+    monkeypatch.setattr(world, "load_pybullet", Full)
+    with pytest.raises(EngineUnavailableError, match="opens no more clients") as caught:
+        make(engine="pybullet", num_envs=len(idle) + 1)
+    # The error still holds the frames in which the batch was made.
+    assert sorted(world._idle_clients) == idle, caught
+
+
+@pytest.mark.parametrize("engine", ["pybullet", CompiledWorld])
+def test_the_specs_of_robots_have_the_engine_of_the_batch(engine: Any) -> None:
+    if engine == "pybullet":
+        pytest.importorskip("pybullet")
+    env = make(engine=engine)
+    assert [spec.kwargs["engine"] for spec in env.get_attr("spec")] == [engine] * COUNT
+    env.close()
+    for given in ({}, {"engine": "auto"}):
+        assert make(**given).get_attr("spec")[0].kwargs["engine"] == "numba"

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.engines.bullet.push import compiled_push, push, push_reactive
-from aquafish_gym.engines.packages import load_pybullet
+from aquafish_gym.engines.packages import load_pybullet, machine_memory
 from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
@@ -42,11 +42,32 @@ from aquafish_gym.physics.layout import (
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
-from aquafish_gym.utils.validation import EngineUnavailableError
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 # A client costs megabytes and connecting leaks, so clients are kept for the next world: one at a
 # time, in the process that opened it.
 _idle_clients: list[int] = []
+MAXIMUM_CLIENTS = 1024  # PyBullet's own limit, of a process
+CLIENT_BYTES = 28 * 2**20  # resident memory of a client, measured with PyBullet 3.2.7 on Linux
+
+
+def check_clients_fit(name: str, count: int) -> None:
+    """Raise InvalidArgumentError for more robots than a process can have, or the memory can hold.
+
+    Without enough memory the system might kill the process. ``name`` is the argument's.
+    """
+    if count > MAXIMUM_CLIENTS:
+        raise InvalidArgumentError(
+            f'{name} must be at most {MAXIMUM_CLIENTS} with engine="pybullet", whose robots need '
+            f"a PyBullet client each; got {count}"
+        )
+    memory = machine_memory()
+    if memory is not None and count * CLIENT_BYTES > memory:
+        raise InvalidArgumentError(
+            f'{name} must be at most {memory // CLIENT_BYTES} with engine="pybullet" on this '
+            f"machine: each robot takes {CLIENT_BYTES / 2**20:.0f} MiB of its "
+            f"{memory / 2**30:,.0f} GiB of memory; got {count}"
+        )
 
 
 def take_client() -> int:
@@ -97,10 +118,14 @@ class BulletWorld(World):
         self._joints = np.zeros(STATE_NUMBERS - LEFT)
 
     def close(self) -> None:
-        """Give the client back; the world is of no more use."""
+        """Give the client back; the world refuses to work from then on."""
         self._closing()
 
-    def _check_process(self) -> None:
+    def _check_usable(self) -> None:
+        if not self._closing.alive:  # its client may serve another robot by now
+            raise RuntimeError(
+                'this PyBullet world is closed: make another environment, or use engine="numba"'
+            )
         if os.getpid() != self._process:
             raise RuntimeError(
                 "this PyBullet world was made before a fork and belongs to the parent process; "
@@ -115,7 +140,7 @@ class BulletWorld(World):
         )
 
     def _start(self, scenario: Scenario) -> None:
-        self._check_process()
+        self._check_usable()
         angles = triple(scenario.fin_angles[0])
         self._push = compiled_push(push_reactive if scenario.reactive else push)
         rest = at_rest(angles)
@@ -127,7 +152,7 @@ class BulletWorld(World):
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
     def update(self, scenario: Scenario) -> None:
-        self._check_process()
+        self._check_usable()
         was = self._column
         self._set(scenario)
         if self.diverged or np.array_equal(was, self._column):
@@ -223,7 +248,7 @@ class BulletWorld(World):
             self._turn(joint, rate)
 
     def _swim(self, command: Vector, steps: int) -> None:
-        self._check_process()
+        self._check_usable()
         if command != self._command:
             self._set_motors(command)
         p = self._bullet
