@@ -11,6 +11,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import seeding
 from gymnasium.vector import VectorEnv
 
+from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.envs.batching import of_each
 from aquafish_gym.rendering import usable_modes
 from aquafish_gym.utils.array_types import Rows
@@ -156,7 +157,8 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         if spec is None:
             return (None,) * self.num_envs
         alone = {name: one for name, one in spec.kwargs.items() if name not in BATCH_ARGUMENTS}
-        alone["engine"] = "numba"
+        if alone.get("engine", AUTO) == AUTO:  # a single robot's is PyBullet where it is installed
+            alone["engine"] = "numba"
         each = {
             name: of_each(name, alone[name], self.num_envs)
             for name in ROBOT_ARGUMENTS
