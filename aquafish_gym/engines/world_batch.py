@@ -1,4 +1,4 @@
-"""Many robots on an engine for one, with the verbs of the compiled lanes."""
+"""Many robots on an engine that simulates one, with the methods of the compiled lanes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ Rows = NDArray[np.intp]
 class WorldBatch:
     """The B robots of a scenario, each in a :class:`~aquafish_gym.engines.worlds.World` of its own.
 
-    The vector environment uses it as it uses
-    :class:`~aquafish_gym.engines.compiled.lanes.LaneBatch`. Robots swim one after another, in
-    double precision.
+    It has the methods of :class:`~aquafish_gym.engines.compiled.lanes.LaneBatch` that the vector
+    environment calls. Robots swim one after another, in double precision.
     """
 
     def __init__(self, scenario: Scenario, engine: str | type[World]) -> None:
@@ -43,7 +42,7 @@ class WorldBatch:
             self._read(robot)
 
     def update(self, rows: Rows, scenario: Scenario) -> None:
-        """Give the robots ``rows`` (n,) the bodies, water and servos of a scenario in mid-swim."""
+        """Set bodies, water and servos of the robots ``rows`` (n,) in mid-swim, from a scenario."""
         for i, robot in enumerate(rows.tolist()):
             self._worlds[robot].update(scenario.take(i))
 
@@ -53,11 +52,11 @@ class WorldBatch:
             world.set_current((x, y, z))
 
     def command_rows(self) -> Floats:
-        """Return the table (3, B) of the commands that :meth:`swim` obeys, to be written to."""
+        """Return the commands (3, B) of the next :meth:`swim`; not a copy: callers write to it."""
         return self._commands
 
     def state_rows(self) -> Floats:
-        """Return the states (25, B) themselves, not a copy; NaN of robots that diverged."""
+        """Return the states (25, B), not a copy; those of robots that diverged are NaN."""
         return self._states
 
     def swim(self, steps: int, after: Callable[[int, int], None] | None = None) -> None:

@@ -109,7 +109,7 @@ def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Flags) 
 def make_swimmers(
     scenario: Scenario, engine: object, dtype: str | None, threads: object
 ) -> LaneBatch | WorldBatch:
-    """Return the robots of a scenario on an engine; refuse what that engine has not.
+    """Return the robots of a scenario on an engine; refuse options that the engine lacks.
 
     The arguments are those of the vector environment.
     """
