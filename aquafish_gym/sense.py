@@ -1,7 +1,11 @@
-"""What the robot senses, its limits, and the way to the goal: the one statement.
+"""The robot's observation: the channels of its IMU, their limits, and the vector to a goal.
 
-A number may be a float, a row (B,) of B robots' numbers, or a lane of compiled code. The nine
-channels are the world's up and north in body axes, and the angular velocity.
+Environments, compiled kernels and self-models call these functions, so that all observe alike. A
+``Number`` is a float, a row (B,) with a number for each of B robots, or a lane of compiled code.
+
+The IMU has nine channels: the world's up (z) and north (y) as unit vectors in body axes, and the
+angular velocity in body axes, rad/s. Orientations are unit quaternions (x, y, z, w) that turn body
+axes into the world's.
 """
 
 from __future__ import annotations
@@ -25,16 +29,16 @@ from aquafish_gym.utils.array_types import Floats
 
 Quaternion = tuple[Number, Number, Number, Number]
 
-#: Gyroscopes saturate at 2000 degrees/s; in rad/s, as single precision has it.
+#: Angular velocity at which the gyroscope saturates, rad/s: 2000 degrees/s in single precision.
 GYRO_RANGE = float(np.float32(math.radians(2000.0)))
 #: The largest distance at which a goal is observed along each axis, units.
 GOAL_RANGE = 100.0
-#: Share of its range by which a reading may exceed it: single precision rounds.
+#: Readings up to this factor times a channel's limit are valid, as single precision rounds.
 RANGE_TOLERANCE = 1.0 + 1e-6
 
 
 def up_and_north(orientation: Quaternion) -> tuple[Vector, Vector]:
-    """Return the world's z and y in body axes: rows of the rotation matrix."""
+    """Return the world's up (z) and north (y) as unit vectors in body axes."""
     x, y, z, w = orientation
     xx = x * x
     yz = y * z
@@ -45,7 +49,7 @@ def up_and_north(orientation: Quaternion) -> tuple[Vector, Vector]:
 
 
 def axes(orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
-    """Return the world's x, y and z in body axes: the rows of the rotation matrix."""
+    """Return the world's east (x), north (y) and up (z) as unit vectors in body axes."""
     x, y, z, w = orientation
     up, north = up_and_north(orientation)
     east = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
@@ -53,9 +57,10 @@ def axes(orientation: Quaternion) -> tuple[Vector, Vector, Vector]:
 
 
 def way_to(goal: Vector, position: Vector, east: Vector, north: Vector, up: Vector) -> Vector:
-    """Return the observed way from a position to a goal, units, in body axes.
+    """Return the observed vector from a position to a goal, in body axes, units.
 
-    The world's axes are given in body axes, as :func:`axes` returns them.
+    ``goal`` and ``position`` are in world axes. ``east``, ``north`` and ``up`` are what
+    :func:`axes` returns. Each component saturates at ``GOAL_RANGE``.
     """
     way = subtract(goal, position)
     return (
@@ -66,7 +71,7 @@ def way_to(goal: Vector, position: Vector, east: Vector, north: Vector, up: Vect
 
 
 def imu(state: State) -> list[Number]:
-    """Return the nine channels of the inertial measurement unit in a state."""
+    """Return the nine channels of the IMU in a state, before they saturate."""
     up, north = up_and_north(state.orientation)
     return [*up, *north, *state.spin]
 
@@ -74,7 +79,11 @@ def imu(state: State) -> list[Number]:
 def beyond_imu(
     state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
 ) -> list[Number]:
-    """Return what is observed after the nine channels, if asked for: the fins, and the way."""
+    """Return the optional channels, which follow the nine of the IMU.
+
+    Fin angles in rad give three sines, then three cosines; a goal gives the vector to it. None
+    gives no channels.
+    """
     found: list[Number] = []
     if fin_angles is not None:
         found += [*np.sin(fin_angles), *np.cos(fin_angles)]
@@ -86,10 +95,10 @@ def beyond_imu(
 def observe(
     state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
 ) -> NDArray[np.float32]:
-    """Return the observation of whole sensors, (9,), or more with the fins' angles or a goal.
+    """Return the observation of sensors without faults: (9,), or more with fin angles or a goal.
 
-    Every number may be a row (B,) instead; the result is then (B, 9) or more. Values saturate at
-    the bounds of the observation space. The angles are in rad, the goal in the world.
+    In a state of rows (B,), it is (B, 9) or more. Values saturate at the bounds of the observation
+    space. ``fin_angles`` are in rad, ``goal`` in world axes and units.
     """
     senses = imu(state)
     if fin_angles is not None or goal is not None:
@@ -104,10 +113,12 @@ def observe(
 def faulty(
     reading: Number, held: Number, fresh: Number, stuck: Number, dropped: Number
 ) -> tuple[Number, Number]:
-    """Return what a channel observes where it would read a number, and what it holds.
+    """Return what a channel observes, and the reading that it holds from now on.
 
-    A channel holds its ``fresh`` reading, repeats what it holds while it is ``stuck``, and observes
-    0 while it is ``dropped``: flags of 0 and 1.
+    ``reading`` is what the channel would observe were it neither stuck nor dropped, and ``held``
+    the reading that it has held so far. The others are flags, 0 or 1: if ``fresh``, the channel
+    first replaces the held reading by this one; if ``stuck``, it observes the held reading; if
+    ``dropped``, it observes 0.
     """
     held = where_less(0.0, fresh, reading, held)
     reading = where_less(0.0, stuck, held, reading)
@@ -116,7 +127,7 @@ def faulty(
 
 @cache
 def limits(observe_fins: bool, has_goal: bool) -> Floats:
-    """Return the largest values of an observation: up, north, gyro, fins, goal."""
+    """Return the largest magnitude of each channel of an observation, in its order."""
     most = [1.0] * 6 + [GYRO_RANGE] * 3
     most += [1.0] * 6 * observe_fins + [GOAL_RANGE] * 3 * has_goal
     found = np.array(most, np.float64)
@@ -127,7 +138,8 @@ def limits(observe_fins: bool, has_goal: bool) -> Floats:
 def valid_readings(readings: ArrayLike, most: Floats) -> Floats:
     """Return readings (..., k), NaN where they lie outside of the observation space.
 
-    No sensor reads such a number, so its transmission failed. ``most`` (k,) are the ``limits``.
+    Sensors saturate there, so the transmission of such a number failed. ``most`` (k,) is what
+    :func:`limits` returns.
     """
     values = np.asarray(readings, np.float64)
     inside = np.abs(values) <= most * RANGE_TOLERANCE

@@ -1,4 +1,4 @@
-"""Noticing that something broke: the surprise of observations, against chance and model error."""
+"""Change detection: do observations differ from predictions by more than noise and model error?"""
 
 from __future__ import annotations
 
@@ -29,48 +29,49 @@ from aquafish_gym.utils.validation import (
     spelled,
 )
 
-WINDOWS = (1, 2, 4, 8, 16)  # actions over which squared innovations are summed
-# The probability of a false alarm in each window and action, of a model without error.
+WINDOWS = (1, 2, 4, 8, 16)  # numbers of actions over which squared innovations are summed
+# Probability of a false alarm in an action and window, if the model has no error.
 ACTION_ALARM_PROBABILITY = 1e-7
-# An alarm needs this many times the greatest surprise that was seen while nothing broke: in water
-# that the model describes, and in foreign water.
+# An alarm needs a sum of this many times the largest one before anything broke: in water that the
+# model describes, and in foreign water.
 SURPRISE_MARGIN = 2.0
 FOREIGN_SURPRISE_MARGIN = 5.0
-FIN_ANGLE_ACTIONS = 5  # after which unknown fin angles are found
-FIN_ANGLE_ERROR = 0.2  # rad, of the angles that are found
-WATER_ACTIONS = 25  # after which the water is known
-CALIBRATION_ACTIONS = 50  # after which the model's error is known
+FIN_ANGLE_ACTIONS = 5  # with readings, after which unknown fin angles are estimated
+FIN_ANGLE_ERROR = 0.2  # standard deviation of the estimated angles, rad
+WATER_ACTIONS = 25  # after which the water's kind is chosen
+CALIBRATION_ACTIONS = 50  # after which the calibration is complete
 SETTLED_ACTIONS = 10  # after which the filter has forgotten its initial state
 SILENT_ACTIONS = 3  # after which a channel without a reading is reported
-GLITCH_SDS = 10.0  # from which a single reading is a glitch, and is ignored
-ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # of ``MODEL_ERROR``
-FOREIGN_ERROR_SCALE = 100.0  # least error scale in water that the model does not describe
+GLITCH_SDS = 10.0  # standard deviations beyond which a single reading is ignored as a glitch
+ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # factors on ``MODEL_ERROR`` that are tried
+FOREIGN_ERROR_SCALE = 100.0  # least factor with which the water counts as foreign
 WATERS = (False, True)  # without and with added mass
-DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag that foreign water may have
-PREDICTED_ACTIONS = 10  # in each open-loop prediction
-PREDICTION_INTERVAL = 5  # actions between two open-loop predictions
+DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag tried in foreign water
+PREDICTED_ACTIONS = 10  # length of an open-loop prediction
+PREDICTION_INTERVAL = 5  # actions from the start of an open-loop prediction to the next
 
 
 @dataclass
 class SurpriseMonitor:
-    """Sums of squared innovations over windows.
+    """Raises an alarm when the squared innovations of recent actions sum to too much.
 
-    An alarm needs more than chance explains, and more than was ever seen while nothing broke: in
-    water that the model does not know, its error is no noise.
+    An alarm needs a sum above two bounds. One is the quantile of chi-squared, for noise. The other
+    is ``margin`` times the largest sum before anything broke, for model error: in foreign water
+    that is larger than noise.
     """
 
     margin: float = SURPRISE_MARGIN
-    squares: list[float] = field(default_factory=list)
-    used: list[int] = field(default_factory=list)
-    highest: dict[int, float] = field(default_factory=dict)
+    squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
+    used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
+    highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
 
     def __post_init__(self) -> None:
         finite_array("margin", self.margin, (), 0.0)
 
     def add(self, square: float, used: int, calm: bool = False) -> bool:
-        """Add the squared innovation of ``used`` channels; return whether it is alarming.
+        """Add an action's squared innovation of ``used`` channels; return whether to alarm.
 
-        If ``calm``, nothing has broken.
+        With ``calm``, nothing has broken yet: the sums raise the bound, and there is no alarm.
         """
         self.squares.append(square)
         self.used.append(used)
@@ -82,36 +83,41 @@ class SurpriseMonitor:
             total = sum(self.squares[-window:])
             if calm:
                 self.highest[window] = max(self.highest.get(window, 0.0), total)
-            usual = self.margin * self.highest.get(window, 0.0)
-            alarming |= total > max(_by_chance(sum(self.used[-window:])), usual)
+            error_bound = self.margin * self.highest.get(window, 0.0)
+            alarming |= total > max(_chance_bound(sum(self.used[-window:])), error_bound)
         return alarming and not calm
 
     def clear(self) -> None:
-        """Forget the squared innovations, but not the highest sums."""
+        """Forget the squared innovations, and keep the highest sums."""
         self.squares.clear()
         self.used.clear()
 
 
 class ReadingHistory:
-    """The last two readings of each sensor channel, and for how many actions it has given none.
+    """The last two readings of each sensor channel, and the number of actions since the last.
 
-    ``expected`` (9,) are the channels that should give readings.
+    ``expected`` (9,) is true of the channels that should give readings.
     """
 
     def __init__(self, expected: NDArray[np.bool_]) -> None:
         self._expected = expected
         self._last = np.full((2, len(CHANNELS)), np.nan)
-        self._silence = np.zeros(len(CHANNELS), np.intp)
-        self._longest = 0 * self._silence
+        self._silence = np.zeros(len(CHANNELS), np.intp)  # actions since the last reading
+        self._longest = np.zeros(len(CHANNELS), np.intp)  # silence so far
 
     def changed(self, observed: Floats) -> NDArray[np.bool_]:
-        """Return which channels (9,) read something else now after they repeated a reading."""
-        older, old = self._last
-        found: NDArray[np.bool_] = (older == old) & (old != observed) & np.isfinite(observed)
+        """Return which channels (9,) repeated a reading and now give a different one."""
+        before_last, last = self._last
+        found: NDArray[np.bool_] = (
+            (before_last == last) & (last != observed) & np.isfinite(observed)
+        )
         return found
 
     def add(self, observed: Floats) -> list[str]:
-        """Add an observation; return in words which channels give no readings, each once."""
+        """Add an observation (9,); return a message for each channel that fell silent.
+
+        A channel is reported once, after ``SILENT_ACTIONS`` without a reading.
+        """
         fresh = np.isfinite(observed)
         self._last[:, fresh] = self._last[1, fresh], observed[fresh]
         self._silence = np.where(fresh, 0, self._silence + 1)
@@ -121,21 +127,28 @@ class ReadingHistory:
 
 
 @cache
-def _by_chance(freedom: int) -> float:
+def _chance_bound(freedom: int) -> float:
+    """Return the bound on the sum of ``freedom`` squared innovations for noise alone."""
     from scipy.stats import chi2  # slow to import
 
     return float(chi2.isf(ACTION_ALARM_PROBABILITY, freedom)) if freedom else 0.0
 
 
 class ErrorCalibration:
-    """Measures the model's error in the first ten seconds, in which nothing may break.
+    """Measures the model's error in the first 50 actions, in which nothing may break.
 
-    Filters with several model errors, in water without and with added mass, run side by side; the
-    likeliest is taken. If even that is much in error, the water is foreign, and filters with other
-    drags of the fins follow. Fin angles that are None are found after a second.
+    Filters run side by side, one for each of several model errors, in water without and with added
+    mass; the one of highest likelihood counts. If its model error is large, the water is foreign:
+    filters with other drags of the fins replace them, and start from the first action. If
+    ``fin_angles`` is None, the angles are estimated after five actions with readings.
 
-    Observations (9,) are NaN where a channel was not observed. A single reading that surprises even
-    the most tolerant filter is not used either.
+    Observations (9,) are NaN where a channel gave no reading. Glitches are not used either: single
+    readings that even the filter with the largest error did not expect.
+
+    Attributes
+    ----------
+    unknown
+        Whether the fin angles are not known yet.
     """
 
     def __init__(self, robot: Scenario, fin_angles: ArrayLike | None, hold: int) -> None:
@@ -145,14 +158,16 @@ class ErrorCalibration:
         if fin_angles is not None:
             fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
-        self.unknown, self._fitted = fin_angles is None, False
-        self._hold, self._start_error = hold, START_ERROR
+        self.unknown = fin_angles is None
+        self._fitted = False  # whether drags were tried
+        self._hold = hold
+        self._start_error = START_ERROR
         self._fins = np.zeros(3) if fin_angles is None else fin_angles
         self._past: list[tuple[Floats, Floats]] = []
         self._begin()
 
     def _begin(self) -> None:
-        """Begin again, with the actions and observations of the past."""
+        """Start new filters, and let them repeat all actions and observations so far."""
         self._models = [
             SelfModel(robot, self._fins, MODEL_ERROR * scale, self._start_error, self._hold)
             for robot in self._robots
@@ -166,28 +181,28 @@ class ErrorCalibration:
 
     @property
     def best(self) -> int:
-        """The number of the likeliest model so far."""
+        """The index of the model of highest likelihood so far."""
         return int(np.argmax([model.log_likelihood for model in self._models]))
 
     @property
     def model(self) -> SelfModel:
-        """The likeliest model so far."""
+        """The model of highest likelihood so far."""
         return self._models[self.best]
 
     @property
     def other_water(self) -> str:
-        """In words, how the likeliest model's water differs from that of the library's gaits."""
+        """A description of how the likeliest water differs from the library's; empty if not."""
         robot = self.model.robot
         drag = "" if (robot.drag == 1.0).all() else f"drag of the fins x {robot.drag[0, 0]:g}"
         return "; ".join(filter(None, ["added mass" if robot.reactive else "", drag]))
 
     @property
     def foreign(self) -> bool:
-        """Whether the water seems to be another than the model's."""
+        """Whether the water is foreign: the likeliest model has a large error in it."""
         return bool(self.model.model_error[0] >= FOREIGN_ERROR_SCALE * MODEL_ERROR[0])
 
     def add(self, action: Floats, observed: Floats) -> bool:
-        """Add an action (3,) and the observation (9,) after it; return whether that is enough."""
+        """Add an action (3,) and the observation (9,) after it; return whether it was the last."""
         wanted = spelled((len(CHANNELS),))
         action = finite_array("action", action, (3,))
         observed = real_array("observed", observed, wanted)
@@ -196,9 +211,10 @@ class ErrorCalibration:
         past = self._past
         past.append((action, observed))
         self._step(action, observed)
-        heard = sum(bool(np.isfinite(seen).any()) for _, seen in past)
-        if self.unknown and heard == FIN_ANGLE_ACTIONS:
-            self.unknown, self._start_error = False, START_ERROR.copy()
+        with_readings = sum(bool(np.isfinite(seen).any()) for _, seen in past)
+        if self.unknown and with_readings == FIN_ANGLE_ACTIONS:
+            self.unknown = False
+            self._start_error = START_ERROR.copy()
             self._start_error[FIN_ERRORS] = FIN_ANGLE_ERROR
             actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
@@ -206,7 +222,8 @@ class ErrorCalibration:
         elif (
             len(past) in (WATER_ACTIONS, CALIBRATION_ACTIONS) and self.foreign and not self._fitted
         ):
-            robot, self._fitted = self.model.robot, True
+            robot = self.model.robot
+            self._fitted = True
             self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
             self._begin()
         return len(past) == CALIBRATION_ACTIONS
@@ -225,21 +242,25 @@ class ErrorCalibration:
                 model.log_likelihood = 0.0
 
     def _without_glitches(self, observed: Floats) -> Floats:
-        """Return an observation, NaN where one reading alone surprises every filter."""
+        """Return an observation with NaN for glitches.
+
+        A glitch surprises every filter, and the channel's reading before it did not.
+        """
         if self.unknown:
             return observed
         surprise = np.min([model.surprise(observed) for model in self._models], axis=0)
-        before, self._surprising = self._surprising, surprise > GLITCH_SDS
+        before = self._surprising
+        self._surprising = surprise > GLITCH_SDS
         return np.where(self._surprising & ~before, np.nan, observed)
 
     def finish(self) -> tuple[SurpriseMonitor, Floats]:
-        """Return a watch, and the rms error (9,) of open-loop predictions, without the noise."""
+        """Return a monitor, and the rms error (9,) of open-loop predictions less sensor noise."""
         model = self.model
         moments = self._moments[self.best]
         errors = []
-        watch = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if self.foreign else SURPRISE_MARGIN)
+        monitor = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if self.foreign else SURPRISE_MARGIN)
         for square, used in self._squares[self.best][SETTLED_ACTIONS:]:
-            watch.add(square, used, calm=True)
+            monitor.add(square, used, calm=True)
         for first in range(
             SETTLED_ACTIONS, len(moments) - PREDICTED_ACTIONS + 1, PREDICTION_INTERVAL
         ):
@@ -252,4 +273,4 @@ class ErrorCalibration:
         mean = np.square(np.where(seen, errors, 0.0)).sum(axis=(0, 1)) / np.maximum(count, 1)
         mean[count == 0] = mean.max()  # of a channel that was never observed
         noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
-        return watch, np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))
+        return monitor, np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))

@@ -1,4 +1,8 @@
-"""The observations of broken sensors: the one statement of each word about a sensor."""
+"""Faults of sensors, and the observations of faulty sensors.
+
+:func:`break_sensor` defines the words for faults of sensors, such as "noise" and "stuck", and
+:class:`Sensors` observes with them.
+"""
 
 from __future__ import annotations
 
@@ -13,26 +17,26 @@ from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import faulty
 from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows
 
-LARGEST_PRODUCT = 1e200  # of factors: times any reading it stays finite
+LARGEST_SCALE_PRODUCT = 1e200  # of the scales of a channel; its product with a reading is finite
 GYRO_CHANNELS = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
-#: The rows of a batch of one robot.
+#: The index of the robot in a batch of one.
 ONLY_ROBOT: Rows = np.zeros(1, np.intp)
 
 
 class Readings(NamedTuple):
-    """How C sensor channels of n robots read."""
+    """The properties of C sensor channels of each of n robots."""
 
-    noise: Floats  #: (n, C) standard deviation of the white noise in each observation
-    bias: NDArray[np.floating]  #: (n, C) added
-    stuck: Flags  #: (n, C) whether each repeats its first observation
+    noise: Floats  #: (n, C) standard deviation of the white noise
+    bias: NDArray[np.floating]  #: (n, C) added to the truth after it is scaled
+    stuck: Flags  #: (n, C) whether each repeats the first reading after it got stuck
     dropped: Flags  #: (n, C) whether each reads 0
-    scale: Floats  #: (n, C) by which the truth is multiplied
-    delay: Floats  #: (n, C) by which each is late, s
-    hold: Floats  #: (n, C) for how long each repeats a reading, s; 0 is not at all
+    scale: Floats  #: (n, C) factor on the truth
+    delay: Floats  #: (n, C) delay, s
+    hold: Floats  #: (n, C) time for which each repeats a reading, s; 0 is without repeats
 
     @classmethod
     def whole(cls, count: int, channels: int, dtype: type[np.floating] = np.float64) -> Self:
-        """Return the tables of whole sensors, with biases of type ``dtype``."""
+        """Return the properties of sensors without faults, with biases of type ``dtype``."""
         shape = (count, channels)
         noise, bias = np.zeros(shape), np.zeros(shape, dtype)
         stuck, dropped = np.zeros((2, *shape), np.bool_)
@@ -40,7 +44,10 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, robots: Scenario) -> Self:
-        """Return how the sensors ``CHANNELS`` of robots read; the gyro alone has noise."""
+        """Return the properties of the channels ``CHANNELS`` in a scenario.
+
+        Only the gyro's channels have noise.
+        """
         noise = np.zeros(robots.sensor_bias.shape)
         noise[:, GYRO_CHANNELS] = robots.gyro_noise[:, None]
         return cls(
@@ -66,7 +73,11 @@ class Readings(NamedTuple):
 
 
 def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> None:
-    """Break the sensor channels that an index or a slice selects, in place."""
+    """Break the channels that an index or a slice selects, in place.
+
+    ``word`` is the fault and ``number`` its size: a standard deviation, a bias, a factor, or a
+    time in s. The words "stuck" and "dropped" ignore it.
+    """
     match word:
         case "noise":
             robots.noise[:, channels] = np.hypot(robots.noise[:, channels], number)
@@ -78,7 +89,9 @@ def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> N
             robots.dropped[:, channels] = True
         case "scale":
             product = robots.scale[:, channels] * number
-            robots.scale[:, channels] = np.clip(product, -LARGEST_PRODUCT, LARGEST_PRODUCT)
+            robots.scale[:, channels] = np.clip(
+                product, -LARGEST_SCALE_PRODUCT, LARGEST_SCALE_PRODUCT
+            )
         case "delay" | "hold":
             break_link(robots.delay, robots.hold, channels, word, number)
 
@@ -86,9 +99,9 @@ def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> N
 def break_link(
     delay: Floats, hold: Floats, channels: Any, word: str, number: float | Floats
 ) -> None:
-    """Let the channels that an index selects deliver late or seldom, in place.
+    """Add a delay or a hold of ``number`` s to the channels that an index selects, in place.
 
-    One late link follows another; of two slow ones the slower counts.
+    Delays add up; of two holds the longer one counts.
     """
     if word == "delay":
         delay[:, channels] += number
@@ -99,8 +112,9 @@ def break_link(
 class Sensors:
     """C sensor channels of each of B robots, some of them faulty.
 
-    ``readings`` holds their faults. ``broken`` is whether any channel ever was faulty; where none
-    was, nothing is computed. Observations are numbers of type ``dtype``, one every ``dt`` s.
+    ``readings`` holds their present properties. ``broken`` is whether any channel ever was faulty
+    or will be late. Until then :meth:`observe` would return the truth, and callers skip it.
+    Observations are numbers of type ``dtype``, one every ``dt`` s.
     """
 
     def __init__(
@@ -112,13 +126,14 @@ class Sensors:
     ) -> None:
         self.broken = False
         self.readings = Readings.whole(count, channels, dtype)
-        self._fresh = np.zeros((count, channels), np.bool_)  # stuck from the next observation on
+        self._fresh = np.zeros((count, channels), np.bool_)  # gets stuck at its next reading
         self._held = np.zeros((count, channels), dtype)
-        self._dt, self._lines = dt, DelayLines(count, channels, dtype)
+        self._dt = dt
+        self._lines = DelayLines(count, channels, dtype)
 
     @property
     def remembers(self) -> bool:
-        """Whether readings must pass, also of whole sensors: a channel ever is or will be late."""
+        """Whether a channel is or may become late, so that :meth:`observe` must see every step."""
         return self._lines.active
 
     def remember(self, seconds: ArrayLike) -> None:
@@ -129,7 +144,7 @@ class Sensors:
             self._lines.remember(steps)
 
     def update(self, rows: Rows, readings: Readings) -> None:
-        """Set how the robots ``rows`` (n,) read in later observations."""
+        """Set the properties (n, C) of the sensors of robots ``rows`` (n,) from now on."""
         if not self.broken and not readings.broken.any():
             return
         self.broken = True
@@ -152,69 +167,71 @@ class Sensors:
         rngs: Sequence[np.random.Generator] | np.random.Generator,
         rows: Rows,
     ) -> Reals:
-        """Return the observations (n, k) of the robots ``rows``, which begin with the C channels.
+        """Return the observations (n, k) of the robots ``rows`` (n,).
+
+        The first C of the k numbers are the sensors'; the others only saturate.
 
         Parameters
         ----------
         truth
-            What whole sensors would observe.
+            (n, k) what sensors without faults observe.
         low, high
-            The ends (k,) at which sensors saturate.
+            (k,) bounds at which observations saturate.
         rngs
-            The generators of all B robots, or one for all of them.
+            A generator for each of all B robots, or one that they share.
         """
         now = self.readings.take(rows)
         observed = truth.copy()
-        felt = observed[:, : now.bias.shape[1]]  # a view
+        sensed = observed[:, : now.bias.shape[1]]  # a view: writing to it writes to ``observed``
         noisy = now.noise > 0.0
         white = _draw(rngs, rows, noisy.sum(axis=1)) if noisy.any() else None
-        _misread(felt, now, noisy, white)
-        felt[:] = self._lines.carry(felt, rows)
-        felt[:], self._held[rows] = faulty(
-            felt, self._held[rows], self._fresh[rows], now.stuck, now.dropped
+        _misread(sensed, now, noisy, white)
+        sensed[:] = self._lines.carry(sensed, rows)
+        sensed[:], self._held[rows] = faulty(
+            sensed, self._held[rows], self._fresh[rows], now.stuck, now.dropped
         )
         self._fresh[rows] = False
         np.clip(observed, low, high, out=observed)
         return observed
 
     def record(self, truth: Floats, rng: np.random.Generator) -> Floats:
-        """Return the observations (T, C) of a single robot in T steps, without limits.
+        """Return the observations (T, C) of a single robot in T steps.
 
-        They are those of T calls of :meth:`observe`, to the last bit.
+        They equal those of T calls of :meth:`observe` with infinite bounds, to the last bit.
         """
         rows = np.zeros(1, np.intp)
         now = Readings(*(np.repeat(table, len(truth), axis=0) for table in self.readings))
         noisy = now.noise > 0.0
-        felt = truth.copy()
-        _misread(felt, now, noisy, rng.standard_normal(np.count_nonzero(noisy)))
+        sensed = truth.copy()
+        _misread(sensed, now, noisy, rng.standard_normal(np.count_nonzero(noisy)))
         if self._lines.active:
-            steps = np.split(felt, len(felt))
-            felt = np.concatenate([self._lines.carry(step, rows) for step in steps])
-        held = np.where(self._fresh, felt[:1], self._held)
-        observed, _ = faulty(felt, held, np.zeros_like(felt), now.stuck, now.dropped)
+            steps = np.split(sensed, len(sensed))
+            sensed = np.concatenate([self._lines.carry(step, rows) for step in steps])
+        held = np.where(self._fresh, sensed[:1], self._held)
+        observed, _ = faulty(sensed, held, np.zeros_like(sensed), now.stuck, now.dropped)
         self._held[:] = held
         self._fresh[:] = False
         found: Floats = observed
         return found
 
 
-def _misread(felt: Reals, now: Readings, noisy: Flags, white: Floats | None) -> None:
+def _misread(sensed: Reals, now: Readings, noisy: Flags, white: Floats | None) -> None:
     """Scale true readings (n, C), and add bias and noise, in place.
 
-    ``white`` are normal numbers for the ``noisy`` channels (n, C), one after another.
+    ``white`` holds a standard normal number for each channel that is ``noisy`` (n, C).
     """
     if (now.scale != 1.0).any():
         with np.errstate(over="ignore"):  # it saturates
-            felt *= now.scale
-    felt += now.bias
+            sensed *= now.scale
+    sensed += now.bias
     if white is not None:
-        felt[noisy] += now.noise[noisy] * white
+        sensed[noisy] += now.noise[noisy] * white
 
 
 def _draw(
     rngs: Sequence[np.random.Generator] | np.random.Generator, rows: Rows, counts: Rows
 ) -> Floats:
-    """Return ``counts`` (n,) normal numbers for each of the robots ``rows``, one after another."""
+    """Return standard normal numbers, ``counts[i]`` for the robot ``rows[i]``, concatenated."""
     if isinstance(rngs, np.random.Generator):
         return rngs.standard_normal(int(counts.sum()))
     drawn = zip(rows.tolist(), counts.tolist(), strict=True)

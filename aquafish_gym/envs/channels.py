@@ -13,7 +13,7 @@ from aquafish_gym.damage.damage import Damage, ways_to_break
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.faults import CHANNEL_WORDS, RANDOM, Fault, break_servo
 from aquafish_gym.damage.sensors import (
-    LARGEST_PRODUCT,
+    LARGEST_SCALE_PRODUCT,
     Readings,
     Sensors,
     break_link,
@@ -254,7 +254,9 @@ class Channels:
                     break_link(self._delay[one], self._hold[one], where, fault.word, number)
                 elif fault.word == "scale":
                     product = self._scale[robot, where] * number
-                    self._scale[robot, where] = np.clip(product, -LARGEST_PRODUCT, LARGEST_PRODUCT)
+                    self._scale[robot, where] = np.clip(
+                        product, -LARGEST_SCALE_PRODUCT, LARGEST_SCALE_PRODUCT
+                    )
                 elif fault.word != "seized":
                     break_servo(self._gain[robot : robot + 1], where, fault.word, number)
                 else:

@@ -20,7 +20,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed
 from eea.joint.problem import JointProblem
 
-SESSION_MASS = 0.9  # of the intervals in the records, and of the stop rule
+SESSION_MASS = 0.9  # probability of the intervals in the records and in the stopping rule
 
 
 class JointState(NamedTuple):
@@ -36,17 +36,20 @@ class JointInference(Session[JointState]):
     Parameters
     ----------
     joint
-        The robot.
+        The robot's problem, with its nuisances and simulator.
     target, config, seed, truth
         See :class:`eea.core.session.Session`.
 
     Raises
     ------
     ConfigurationError
-        If the robot has no such nuisance, or the truth has another shape.
+        If ``config`` names nuisances that ``joint`` lacks, or ``truth`` is not of shape (n,).
 
     Examples
     --------
+    A wheel turns at the commanded speed from an unknown angle. Its gyroscope reads the unknown
+    radius times the sine of its angle:
+
     >>> from eea.core.genome import action_layout, model_layout
     >>> from eea.core.problem import Problem
     >>> def wheel(bodies, nuisances, commands, angles, fine):
@@ -79,20 +82,21 @@ class JointInference(Session[JointState]):
         instance("config", config, JointConfig)
         instance("joint", joint, JointProblem)
         check_nuisances(joint, config)
-        self._joint, problem = joint, joint.problem
-        nothing = Observed(
+        self._joint = joint
+        problem = joint.problem
+        no_trials = Observed(
             np.empty((0, len(problem.actions))), np.empty((0, config.steps, problem.axes))
         )
-        state = JointState(nothing, None)
+        state = JointState(no_trials, None)
         super().__init__(target, problem, config, seed, truth, state, streams(seed))
 
     def _choose(self, state: JointState, rngs: Streams) -> tuple[Floats, float | None]:
-        """Return a fast command that was performed as rarely as any."""
+        """Return a fast command, one of those performed least often, and no ACT_FIT."""
         performed = state.observed.commands
         return fast_command(self._problem.actions, performed, rngs["exploration"]), None
 
     def _fit(self, state: JointState, trial: Trial, rngs: Streams) -> tuple[JointState, RoundFit]:
-        """Fit all trials."""
+        """Return the state and the record after a fit of all trials, this one included."""
         observed = Observed(
             np.concatenate([state.observed.commands, trial.command[None]]),
             np.concatenate([state.observed.signal, trial.gyro[None]]),
@@ -104,8 +108,9 @@ class JointInference(Session[JointState]):
         return state.posterior
 
     def _accurate(self, state: JointState) -> bool:
-        """Return whether every interval is narrow and the fit leaves nothing but noise."""
-        posterior, widest = state.posterior, self.config.max_interval_width
+        """Return whether every interval is narrow enough and the goodness of fit is acceptable."""
+        posterior = state.posterior
+        widest = self.config.max_interval_width
         if widest is None or posterior is None or not posterior.good:
             return False
         low, high = posterior.interval(SESSION_MASS)
@@ -113,20 +118,23 @@ class JointInference(Session[JointState]):
 
 
 def round_fit(posterior: JointPosterior) -> RoundFit:
-    """Return the record of a fit (:func:`eea.joint.inference.fit`), for its newest trial."""
-    start = posterior.warm_start
-    assert start is not None
-    best = start.optima[posterior.branches[0].hypothesis.name]
+    """Return the record of a posterior from :func:`eea.joint.inference.fit`.
+
+    The interval of hidden angles in it is of the newest trial.
+    """
+    warm_start = posterior.warm_start
+    assert warm_start is not None
+    best = warm_start.optima[posterior.branches[0].hypothesis.name]
     observed = best.regression.observed
     simulated = observed.simulated(best.residuals)
-    sim = np.concatenate([
-        similarity(summarize(RecordedLog(one)), summarize(RecordedLog(signal[: len(one)])))
-        for one, signal in zip(simulated, observed.signal, strict=True)
+    similarities = np.concatenate([
+        similarity(summarize(RecordedLog(log)), summarize(RecordedLog(signal[: len(log)])))
+        for log, signal in zip(simulated, observed.signal, strict=True)
     ])  # fmt: skip
     return RoundFit(
         posterior.model,
-        float(model_fitness(sim)),
+        float(model_fitness(similarities)),
         Context(*posterior.angles(len(observed) - 1, SESSION_MASS), confidence=SESSION_MASS),
         posterior.spread,
-        start.robots,
+        warm_start.robots,
     )

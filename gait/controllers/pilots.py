@@ -1,6 +1,6 @@
-"""Whatever steers robots, as one kind of agent: functions, policies, agents and learned models.
+"""Adapters from functions, policies, agents and learned models to one interface, :class:`Pilot`.
 
-``gait.swim`` and ``gait.evaluate`` take them alike.
+So ``gait.swim`` and ``gait.evaluate`` take any of them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.policy import ControllerLike, HasPolicy, Policy, new_policy
 
-_OBSERVED, _FIN_WAVES = 9, 6  # numbers of an observation, and of fin angles as sines and cosines
 KINDS = (
     "a function of observations (E, k), or of an observation and the time; an object with "
     "act(observations), with predict(observations), as a model of stable-baselines3, or with "
@@ -35,7 +34,8 @@ class Agent(Protocol):
     """An agent that acts in E episodes at once; it may also have ``reset(info)``.
 
     ``reset`` is called when the episodes begin, with the ``info`` of the vector environment. An
-    agent of one robot has ``begin(fin_angles)`` instead, and each robot a copy of it.
+    agent of one robot has ``begin(fin_angles)`` instead, with (3,) angles in rad, and ``act`` of a
+    single observation (k,); each robot then has a copy of the agent.
     """
 
     def act(self, observations: Observations) -> ArrayLike:
@@ -44,7 +44,7 @@ class Agent(Protocol):
 
 @runtime_checkable
 class Model(Protocol):
-    """A model or policy of stable-baselines3, or what predicts as these do."""
+    """A model or policy of stable-baselines3, or an object with the same ``predict``."""
 
     def predict(
         self,
@@ -53,43 +53,44 @@ class Model(Protocol):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = False,
     ) -> tuple[ArrayLike, Any]:
-        """Return actions (E, 3) and the next state, of observations (E, k)."""
+        """Return actions (E, 3) for observations (E, k), and the next state of its memory."""
 
 
 AgentLike: TypeAlias = Agent | Model | ControllerLike | Callable[[Observations], ArrayLike]
 
 
 class Pilot(Protocol):
-    """What steers E robots; see :func:`make_pilot`."""
+    """The controller of E robots at once; :func:`make_pilot` makes it."""
 
     def reset(self, info: dict[str, Any], /) -> None:
-        """Begin the episodes that begin with ``info``."""
+        """Begin new episodes, given the ``info`` that the environment's reset returned."""
 
     def act(self, observations: Observations, /) -> ArrayLike:
         """Return actions (E, 3) for observations (E, k)."""
 
 
-def own_interval(steers: object) -> int | None:
-    """Return for how many steps of 0.01 s something holds its actions, if it says so."""
+def own_interval(controller: object) -> int | None:
+    """Return for how many steps of 0.01 s a controller holds its actions; None if unspecified."""
     for name in ("interval", "hold"):
-        if isinstance(steps := getattr(steers, name, None), int):
+        if isinstance(steps := getattr(controller, name, None), int):
             return steps
     return None
 
 
-def takes_time(steers: object, *, optional: bool = False) -> TypeGuard[ControllerLike]:
-    """Return whether it is a policy of one robot, a function of an observation and the time.
+def takes_time(controller: object, *, optional: bool = False) -> TypeGuard[ControllerLike]:
+    """Return whether a controller is a policy of one robot: of an observation and the time.
 
-    With ``optional`` also if it need not be given the time, or does not tell what it takes.
+    With ``optional``, so is any function that is not known to take one argument only: one with a
+    default for the time, with ``*args``, or without a signature.
     """
-    if isinstance(steers, Agent | Model):
+    if isinstance(controller, Agent | Model):
         return False
-    if isinstance(steers, HasPolicy):
+    if isinstance(controller, HasPolicy):
         return True
-    if not callable(steers):
+    if not callable(controller):
         return False
     try:
-        given = inspect.signature(steers).parameters.values()
+        given = inspect.signature(controller).parameters.values()
     except (TypeError, ValueError):
         return optional
     by_place = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -99,23 +100,28 @@ def takes_time(steers: object, *, optional: bool = False) -> TypeGuard[Controlle
 
 
 class Beliefs(NamedTuple):
-    """Whether a controller uses what it is given of its fins."""
+    """Whether a controller uses the initial fin angles and the servo gains that it is given."""
 
     angles: bool  #: Initial fin angles.
     gains: bool  #: Servo gains.
 
     @classmethod
-    def of(cls, steers: object) -> Beliefs:
-        """Return those of whatever steers one robot."""
-        if isinstance(steers, Controller):
-            return cls(steers.senses.fins, steers.senses.fins)
-        shape = getattr(getattr(steers, "observation_space", None), "shape", None)
-        reckons = shape == (_OBSERVED + _FIN_WAVES,)
-        begins = any(callable(getattr(steers, name, None)) for name in ("reset", "begin"))
-        return cls(reckons or (isinstance(steers, Agent) and begins), reckons)
+    def of(cls, controller: object) -> Beliefs:
+        """Return which of them the controller of one robot uses."""
+        if isinstance(controller, Controller):
+            return cls(controller.senses.fins, controller.senses.fins)
+        shape = getattr(getattr(controller, "observation_space", None), "shape", None)
+        # Nine numbers, and the sines and cosines of three fin angles, which it is given reckoned.
+        reckons = shape == (15,)
+        begins = any(callable(getattr(controller, name, None)) for name in ("reset", "begin"))
+        return cls(reckons or (isinstance(controller, Agent) and begins), reckons)
 
     def check(self, **given: tuple[str, object, bool]) -> None:
-        """Refuse what was given without effect: field -> the argument's name, value, whether."""
+        """Raise InvalidArgumentError for an argument that was given and has no effect.
+
+        A keyword is a field of this class; its value holds the argument's name, its value, and
+        whether it was given.
+        """
         for field, (name, value, is_given) in given.items():
             if is_given and not getattr(self, field):
                 raise InvalidArgumentError(
@@ -125,59 +131,67 @@ class Beliefs(NamedTuple):
 
 
 def make_pilot(
-    steers: object, frame_skip: int | None, dt: float | None, argument: str = "agent"
+    controller: object, frame_skip: int | None, dt: float | None, argument: str = "agent"
 ) -> Pilot:
-    """Return a pilot from any of ``KINDS``.
+    """Return a pilot that acts by a controller of any of the ``KINDS``.
 
     Parameters
     ----------
-    steers
-        Which steers one robot or E of them.
+    controller
+        The controller of one robot, or of E robots.
     frame_skip
-        For how many steps of 0.01 s its actions will be held; None if that is not known.
+        For how many steps of 0.01 s the environment holds an action; None if unknown.
     dt
-        How long an action is held, in s, for a function of the time; None if that is not known.
+        The same in s, for a function of the time; None if unknown.
     argument
-        Its name in errors.
+        The controller's name in errors.
 
     Raises
     ------
     InvalidArgumentError
-        If it is none of these, or holds its actions for another time.
+        If the controller is of no such kind, holds its actions for another number of steps, or
+        takes the time where ``dt`` is unknown.
     """
-    own = own_interval(steers)
+    own = own_interval(controller)
     if own is not None and own != frame_skip:
         raise InvalidArgumentError(
             f"frame_skip must be {own}, the controller's interval; got {frame_skip}"
         )
-    if isinstance(steers, Controller):
-        return ControllerAgent(steers)
-    if isinstance(steers, Agent):
-        return _Each(steers) if callable(getattr(steers, "begin", None)) else _All(steers)
-    if isinstance(steers, Model):
-        return _Predicting(steers)
-    if callable(steers) and not takes_time(steers):
-        return _Reflex(steers)
-    if not callable(steers) and not isinstance(steers, HasPolicy):
-        raise InvalidArgumentError(f"{argument} must be {KINDS}; got {brief(steers)}")
+    if isinstance(controller, Controller):
+        return ControllerAgent(controller)
+    if isinstance(controller, Agent):
+        return (
+            _Each(controller) if callable(getattr(controller, "begin", None)) else _All(controller)
+        )
+    if isinstance(controller, Model):
+        return _Predicting(controller)
+    if callable(controller) and not takes_time(controller):
+        return _Reflex(controller)
+    if not callable(controller) and not isinstance(controller, HasPolicy):
+        raise InvalidArgumentError(f"{argument} must be {KINDS}; got {brief(controller)}")
     if dt is None:
         raise InvalidArgumentError(
             f"{argument} must be a function of the observations alone: env has no time step, dt"
         )
-    return _Policies(steers, dt)
+    return _Policies(controller, dt)
 
 
 def reckoning(
-    pilot: Pilot, steers: object, fins: NDArray[np.float64], gain: NDArray[np.float64], hold: int
+    pilot: Pilot,
+    controller: object,
+    fins: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    hold: int,
 ) -> Policy:
-    """Return the policy of one robot that a pilot steers in an environment.
+    """Return a policy of one robot that acts as its pilot would in an environment.
 
-    A model that observes 15 numbers sees its fins as ``observe_fins="reckoned"`` shows them: from
-    the angles ``fins`` (3,) in rad, its commands and the servo gains (3,). ``hold`` is for how
-    many steps of 0.01 s an action is held.
+    A model that observes 15 numbers is given fin angles by dead reckoning, as with
+    ``observe_fins="reckoned"``. They are integrated from the initial angles ``fins`` (3,) in rad,
+    with the model's commands and the servo gains ``gain`` (3,). ``hold`` is for how many steps of
+    0.01 s an action is held. ``controller`` is the pilot's controller.
     """
-    sees_fins = Beliefs.of(steers).gains
-    turns = TAU * TIMESTEP * hold
+    sees_fins = Beliefs.of(controller).gains
+    turn = TAU * TIMESTEP * hold  # rad in an action at 1 rev/s
     angles: Vector = (float(fins[0]), float(fins[1]), float(fins[2]))
     pilot.reset({"fin_angles": fins[None]})
 
@@ -189,14 +203,14 @@ def reckoning(
         (action,) = np.asarray(pilot.act(seen[None].astype(np.float32)), np.float64).reshape(-1, 3)
         left, right, caudal = np.clip(action, -1.0, 1.0)
         speeds = servo_speeds((left, right, caudal))
-        angles = reckon(angles, tuple(g * s for g, s in zip(gain, speeds, strict=True)), turns)
+        angles = reckon(angles, tuple(g * s for g, s in zip(gain, speeds, strict=True)), turn)
         return action
 
     return policy
 
 
 class _All:
-    """An agent of all robots, with or without ``reset``."""
+    """The pilot of an agent that acts for all robots, with or without ``reset``."""
 
     def __init__(self, agent: Agent) -> None:
         self.act = agent.act
@@ -208,7 +222,7 @@ class _All:
 
 
 class _Each:
-    """An agent of one robot, which one robot has itself, and several each a copy of."""
+    """The pilot of an agent of one robot: the first robot has the agent, the others copies."""
 
     def __init__(self, agent: Any) -> None:
         self._agent = agent
@@ -226,7 +240,10 @@ class _Each:
 
 
 class _Predicting:
-    """A model of stable-baselines3; its ``VecNormalize``, if it has one, scales observations."""
+    """The pilot of a stable-baselines3 model.
+
+    The model's ``VecNormalize``, if it has one, scales the observations.
+    """
 
     def __init__(self, model: Any) -> None:
         self._model = model
@@ -234,7 +251,8 @@ class _Predicting:
         self._scaled = normal.normalize_obs if normal is not None else lambda seen: seen
 
     def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
-        self._state, self._begins = None, True
+        self._state = None
+        self._begins = True
 
     def act(self, observations: Observations) -> ArrayLike:
         space = getattr(self._model, "observation_space", None)
@@ -252,23 +270,25 @@ class _Predicting:
 
 
 class _Reflex:
-    """A function of observations."""
+    """The pilot of a function of observations."""
 
     def __init__(self, function: Callable[[Observations], ArrayLike]) -> None:
         self.act = function
 
     def reset(self, info: dict[str, Any]) -> None:
-        """Do nothing: it has no memory."""
+        """Do nothing: the function has no memory."""
 
 
 class _Policies:
-    """A policy of its own for each robot, and the time."""
+    """The pilot of policies, a new one for each robot, which are called with the time."""
 
     def __init__(self, controller: Any, dt: float) -> None:
-        self._controller, self._dt = controller, dt
+        self._controller = controller
+        self._dt = dt
 
     def reset(self, info: dict[str, Any]) -> None:
-        self._policies, self._steps = [new_policy(self._controller) for _ in info["fin_angles"]], 0
+        self._policies = [new_policy(self._controller) for _ in info["fin_angles"]]
+        self._steps = 0
 
     def act(self, observations: Observations) -> ArrayLike:
         time = self._steps * self._dt
