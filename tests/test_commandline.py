@@ -268,7 +268,11 @@ def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
     for folder in folders:
         texts += [p for suffix in ("py", "md") for p in (root / folder).rglob(f"*.{suffix}")]
     wrong = re.compile(r"install\b[^\n]*aquafish[-_]gym\b")
-    assert [str(path) for path in texts if wrong.search(path.read_text(encoding="utf-8"))] == []
+    found = {str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in texts}
+    names = [name for name, text in found.items() if wrong.search(text)]
+    # The first release will be: these two pages say so beside the command.
+    assert [name for name in names if "once 0.1.0 is published" not in found[name]] == []
+    assert set(names) <= {"README.md", "docs/tutorial.md"}
 
 
 def start(words: str, **options: Any) -> subprocess.Popen[str]:

@@ -107,24 +107,26 @@ def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Flags) 
 
 
 def make_swimmers(
-    scenario: Scenario, engine: object, dtype: str | None, threads: object
+    scenario: Scenario, engine: object, dtype: object, threads: object
 ) -> LaneBatch | WorldBatch:
     """Return the robots of a scenario on an engine; refuse options that the engine lacks.
 
     The arguments are those of the vector environment.
     """
-    found = "numba" if engine == AUTO else check_world(engine)
+    automatic = isinstance(engine, str) and engine == AUTO
+    found = "numba" if automatic else check_world(engine)
+    precision = None if dtype is None else one_of("dtype", dtype, ("float32", "float64"))
     if found == "numba":
         from aquafish_gym.engines.compiled.lanes import LaneBatch
 
         return LaneBatch(
             scenario,
-            getattr(np, one_of("dtype", dtype or "float32", ("float32", "float64"))),
+            getattr(np, precision or "float32"),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         )
-    if dtype not in (None, "float64"):
+    if precision == "float32":
         raise InvalidArgumentError(
-            f'dtype must be "float64" or None on other engines than numba; got {brief(dtype)}'
+            'dtype must be "float64" or None on other engines than numba; got "float32"'
         )
     if threads is not None:
         raise InvalidArgumentError(

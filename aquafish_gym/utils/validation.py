@@ -40,8 +40,8 @@ class EngineUnavailableError(ImportError):
 
 
 def install_advice(extra: str) -> str:
-    """Return how to install an extra, in a clone and elsewhere."""
-    return f'pip install ".[{extra}]" in a clone of the repository, else "aquafish-gym[{extra}]"'
+    """Return how to install an extra, as no package of this name is published."""
+    return f'pip install ".[{extra}]" in a clone of the repository'
 
 
 def one_of(argument: str, name: object, choices: Iterable[str]) -> str:

@@ -33,7 +33,7 @@ REST = "the rest"
 PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "physics, transform": ((LaneBatch, "_run"),),
     "batches": ((LaneBatch, "__init__"), (LaneBatch, "spectra")),
-    "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (eea.fish.spectral, "distances")),
+    "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (eea.fish.spectral, "spectral_distances")),
     "Eq. 1": ((eea.fish.spectral, "disagreements"),),
     "GA": (
         (eea.core.algorithm, "next_generation"),

@@ -54,6 +54,7 @@ BATCH = {
 }  # fmt: skip
 LEGAL = {
     "morphology": NO_BODY, "damage": NO_DAMAGE, "render_mode": "none", "threads": "none",
+    "dtype": "none",
     "max_episode_steps": "none", "observe_fins": "true", "reactive": "true",
 }  # fmt: skip
 
