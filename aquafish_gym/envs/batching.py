@@ -20,6 +20,8 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, 
 if TYPE_CHECKING:
     from aquafish_gym.engines.compiled.lanes import LaneBatch
 
+NUMBA_PRECISION = "float32"  # of a batch whose precision is not given
+
 
 def components(rows: Floats) -> Vector:
     x, y, z = rows
@@ -121,7 +123,7 @@ def make_swimmers(
 
         return LaneBatch(
             scenario,
-            getattr(np, precision or "float32"),
+            getattr(np, precision or NUMBA_PRECISION),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         )
     if precision == "float32":

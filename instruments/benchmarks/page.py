@@ -50,6 +50,8 @@ def work_defaults(groups: Iterable[str]) -> dict[str, Any]:
             function, arguments = _WORK[name]
             known = inspect.signature(function).parameters
             found |= {f"{name}.{one}": known[one].default for one in arguments}
+    if "make_vec.dtype" in found:  # None, by its signature
+        found["make_vec.dtype"] = NUMBA_PRECISION
     return found
 
 
