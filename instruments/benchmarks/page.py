@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import aquafish_gym
+from aquafish_gym.envs.batching import NUMBA_PRECISION
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
