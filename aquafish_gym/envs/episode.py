@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from inspect import isabstract
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,11 @@ def check_world(engine: object) -> str | type[World]:
     if isinstance(engine, str) and ":" in engine:  # as a specification in JSON has a class
         engine = read_class("engine", engine, World)
     if isinstance(engine, type) and issubclass(engine, World):
+        if isabstract(engine):
+            raise InvalidArgumentError(
+                f"engine must define all that World leaves open; {engine.__name__} lacks "
+                f"{', '.join(sorted(engine.__abstractmethods__))}"
+            )
         return engine
     return check_engine(engine)
 

@@ -22,9 +22,11 @@ from hypothesis.extra import numpy as hnp
 
 import aquafish_gym
 from aquafish_gym.engines.compiled.single import CompiledWorld
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.episode import check_action, check_single_action, observation_space
 from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -299,3 +301,9 @@ def test_fast_action_check_agrees_with_the_general_one(action: list[float]) -> N
     for dtype in (np.float32, np.float64):
         array = np.array(action, dtype)
         assert check_single_action(array) == tuple(check_action(array, (3,)).tolist())
+
+
+def test_a_world_that_is_not_finished_is_refused() -> None:
+    for face in (AquaFishEnv, AquaFishVectorEnv):
+        with pytest.raises(InvalidArgumentError, match="World lacks _start, _swim, close"):
+            face(engine=World)
