@@ -1,8 +1,8 @@
 """Gaits: controllers evolved for a body, and how they swim on another.
 
 ``controllers`` is what steers a robot, ``scores`` how far it swims, ``search`` how one is evolved,
-``learning`` PPO for comparison. ``gait.agent``, ``gait.evaluation`` and ``gait.sb3_env`` are names
-that users import.
+``learning`` PPO for comparison. ``gait.agent``, ``gait.controller``, ``gait.evaluation``,
+``gait.network`` and ``gait.sb3_env`` are names that users import.
 """
 
 import lazy_loader

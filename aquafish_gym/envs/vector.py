@@ -376,7 +376,8 @@ class AquaFishVectorEnv(
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free what the engine holds; see ``close``."""
-        self._swimmers.close()
+        if hasattr(self, "_swimmers"):  # Gymnasium closes refused environments, too
+            self._swimmers.close()
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
