@@ -199,14 +199,13 @@ class Sensors:
 
         They equal those of T calls of :meth:`observe` with infinite bounds, to the last bit.
         """
-        rows = np.zeros(1, np.intp)
         now = Readings(*(np.repeat(table, len(truth), axis=0) for table in self.readings))
         noisy = now.noise > 0.0
         sensed = truth.copy()
         _misread(sensed, now, noisy, rng.standard_normal(np.count_nonzero(noisy)))
         if self._lines.active:
             steps = np.split(sensed, len(sensed))
-            sensed = np.concatenate([self._lines.carry(step, rows) for step in steps])
+            sensed = np.concatenate([self._lines.carry(step, ONLY_ROBOT) for step in steps])
         held = np.where(self._fresh, sensed[:1], self._held)
         observed, _ = faulty(sensed, held, np.zeros_like(sensed), now.stuck, now.dropped)
         self._held[:] = held

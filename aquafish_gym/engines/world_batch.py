@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.physics.layout import STATE_ROWS, put_state
 from aquafish_gym.scenario import Scenario
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from aquafish_gym.utils.array_types import Floats, Rows
 
 
 class WorldBatch:
