@@ -168,6 +168,10 @@ class Scenario:
         schedule = tuple(change for change in changes if len(change.rows))
         return replace(self, **taken, schedule=schedule)
 
+    def stages(self) -> list[Scenario]:
+        """Return the robots at the start, and those of each change."""
+        return [self, *(change.to for change in self.schedule)]
+
     def segments(self, steps: int) -> Iterator[Segment]:
         """Yield the stretches of ``steps`` steps of 0.01 s in which no robot changes, in order.
 

@@ -151,8 +151,10 @@ def filmed(
     instance("body", body, Morphology)
     scenario = instance("damage", damage, Damage).edit(Scenario.create(body), INTERVAL)
     bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
-    for step, now in [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]:
-        later = swim.time > (step - 0.5) * TIMESTEP
+    steps = round(float(swim.time[-1]) / TIMESTEP) + 1
+    for begin, _, change in scenario.segments(steps):
+        now = scenario if change is None else change.to
+        later = swim.time > (begin - 0.5) * TIMESTEP
         bodies[later] = now.body[0]
         sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)
         broken[later] = sizes | (now.servo_gain[0] != 1.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from aquafish_gym.utils.validation import one_of
+
 try:
     from gymnasium.vector import AutoresetMode
 except ImportError:  # Gymnasium 1.0, whose own batches know the first mode only
@@ -16,4 +18,10 @@ except ImportError:  # Gymnasium 1.0, whose own batches know the first mode only
         DISABLED = "Disabled"
 
 
-__all__ = ["AutoresetMode"]
+__all__ = ["AutoresetMode", "check_mode"]
+
+
+def check_mode(value: object) -> AutoresetMode:
+    """Return a mode, which may be given by its name."""
+    name = getattr(value, "value", value)
+    return AutoresetMode(one_of("autoreset_mode", name, [mode.value for mode in AutoresetMode]))

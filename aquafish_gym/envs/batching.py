@@ -12,7 +12,10 @@ from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
 from aquafish_gym.engines.world_batch import WorldBatch
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.rendering import render_pose
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
@@ -139,3 +142,17 @@ def make_swimmers(
 
         check_clients_fit("num_envs", len(scenario))
     return WorldBatch(scenario, found)
+
+
+def frames(bodies: Floats, states: Floats) -> tuple[Any, ...]:
+    """Return a frame (480, 640, 3) uint8 for each robot of sizes (B, 9) and states (25, B)."""
+    poses = zip(
+        states[FIELDS["position"]].T,
+        states[FIELDS["orientation"]].T,
+        angles_of_rows(states).T,
+        strict=True,
+    )
+    return tuple(
+        render_pose(Morphology.from_array(sizes), (position, orientation), fin_angles)
+        for sizes, (position, orientation, fin_angles) in zip(bodies, poses, strict=True)
+    )

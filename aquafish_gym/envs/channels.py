@@ -20,7 +20,7 @@ from aquafish_gym.damage.sensors import (
     break_sensor,
 )
 from aquafish_gym.damage.tiers import TIERS
-from aquafish_gym.envs.episode import NO_CHANGE_STEP
+from aquafish_gym.envs.robots import Schedule
 from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
@@ -88,9 +88,7 @@ class Channels:
         self._acts = self._senses = False  # whether any actuator, any sensor is broken
         self._late = False  # whether any channel ever was or will be late, slow or scaled
         self._faults, self._step = np.zeros((2, count), np.int64)
-        # Per robot: the steps at which other faults are active, and the next of them.
-        self._stages: list[list[tuple[int, tuple[Fault, ...]]]] = [[] for _ in range(count)]
-        self._next = np.full(count, NO_CHANGE_STEP)
+        self._schedule = Schedule(count)  # of the faults that are active from a step on
         self._everyone = np.arange(count)
 
     def check(self, value: object, last_step: int | None = None) -> Damage:
@@ -141,8 +139,10 @@ class Channels:
         self._sensors.reset(rows)
         self._lines.reset(rows)
         self._expect(damages)
-        for i, damage in zip(rows.tolist(), damages, strict=True):
-            self._stages[i] = damage.stages(self._dt or 1.0)
+        self._schedule.clear(rows)
+        for robot, damage in zip(rows.tolist(), damages, strict=True):
+            for step, faults in damage.stages(self._dt or 1.0):
+                self._schedule.add(robot, step, faults)
         self._change(rows)
 
     def _expect(self, damages: Sequence[Damage]) -> None:
@@ -159,7 +159,7 @@ class Channels:
     def advance(self) -> None:
         """Count a step, after which other faults may be active."""
         self._step += 1
-        changed = np.flatnonzero(self._step == self._next)
+        changed = np.flatnonzero(self._step == self._schedule.next_change)
         if len(changed):
             self._change(changed)
 
@@ -236,9 +236,7 @@ class Channels:
         bias = self._sensors.readings.bias
         readings = Readings.whole(len(rows), bias.shape[1], bias.dtype.type)
         for i, robot in enumerate(rows.tolist()):
-            stages = self._stages[robot]
-            _, faults = stages.pop(0)
-            self._next[robot] = stages[0][0] if stages else NO_CHANGE_STEP
+            faults = self._schedule.pop(robot)
             self._faults[robot] = len(faults)
             stood = self._seized[robot].copy()  # and stands there still
             self._gain[robot], self._seized[robot] = 1.0, False

@@ -10,10 +10,10 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.damage.sensors import ONLY_ROBOT
-from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import episode
 from aquafish_gym.envs.motion import motion_info
+from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
@@ -165,7 +165,6 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._config = episode.check_episode(
             self.task, morphology, damage, current, fin_angles, self.frame_skip
         )
-        self._engine = episode.check_world(engine)
         self._reactive = flag("reactive", reactive)
         self.render_mode = check_render_mode(render_mode)
         # The class states which modes there are, the environment which of them work here.
@@ -174,17 +173,18 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         }  # fmt: skip
         self.action_space = episode.action_space()
         self.observation_space = episode.observation_space(self._observe_fins, self.task.has_goal)
-        self._world: World | None = None
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
-        whole, late = Scenario.create(self._config.morphology), self._config.damage.may_be_late
-        self._robots = episode.Robots(whole, self.frame_skip, late)
-        self._read_robot()
+        whole = Scenario.create(self._config.morphology)
+        self._robot = OneRobot(
+            episode.check_world(engine), whole, self.frame_skip, self._config.damage.may_be_late
+        )
         self._memory: Memory = ()
         # The present state, or the last one before the robot diverged.
         self._fin_angles: Vector = (0.0, 0.0, 0.0)
         self._reckoned: Vector = self._fin_angles
         self._state = at_rest((0.0, 0.0, 0.0))
+        self._read_robot()
 
     def _cut_off(self, seconds: float) -> None:
         self._config = self._config.within(seconds)
@@ -200,13 +200,10 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
             [config], [self.np_random], self.frame_skip, self._reactive
         )
         self._memory = tuple(memories[0].tolist())
-        if self._world is None:
-            self._world = make_world(self._engine, start)
-        else:
-            self._world.reset(start)
-        self._robots.start(ONLY_ROBOT, start)
+        world = self._robot.start(start)
         self._read_robot()
-        self._state, self._fin_angles = self._world.state(), self._world.fin_angles
+        self._state = world.state()
+        self._fin_angles = world.fin_angles
         self._reckoned = self._fin_angles
         self._steps = 0
         here = self._state.position
@@ -228,36 +225,33 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         """
         checked = episode.check_single_action(action)
         before = self._state.position
-        diverged = self._simulate(checked)
+        diverged = self._swim(checked)
         terms = self._reward(before, checked, diverged)
-        if diverged:
-            self._steps = self._last
-        elif self._steps == self._next_change:
-            self._change()
+        if self._robot.change(self._steps * self.frame_skip):
+            self._read_robot()
         info = self._info(before, terms, diverged)
         if self.render_mode == "human":
             self.render()
         truncated = self._steps == self._last and not diverged
         return self._observe(), sum(terms.values()), diverged, truncated, info
 
-    def _simulate(self, action: Vector) -> bool:
+    def _swim(self, action: Vector) -> bool:
         """Swim one step; return whether the robot diverged, and then keep its last state."""
-        world = self._world
+        world = self._robot.world
         if world is None or self._steps == self._last:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        water = self.task.current(self._memory, self._steps * self.dt)
-        if water is not None:
-            x, y, z = map(float, water)
-            world.set_current((x, y, z))
+        self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
         speeds = servo_speeds(action)
-        world.advance(self._robots.drive(speeds), self.frame_skip)
+        world.advance(self._robot.robots.drive(speeds), self.frame_skip)
+        if world.diverged:
+            self._steps = self._last
+            return True
         self._steps += 1
-        diverged = world.diverged
-        if not diverged:
-            self._state, self._fin_angles = world.state(), world.fin_angles
-            if self._reckons:
-                self._reckoned = reckon(self._reckoned, speeds, TAU * self.dt)
-        return diverged
+        self._state = world.state()
+        self._fin_angles = world.fin_angles
+        if self._reckons:
+            self._reckoned = reckon(self._reckoned, speeds, TAU * self.dt)
+        return False
 
     def _reward(self, before: Vector, action: Vector, diverged: bool) -> dict[str, float]:
         """Return the terms of the reward, and let the task remember the step."""
@@ -269,28 +263,17 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._memory = self.task.remember(step)
         return terms
 
-    def _change(self) -> None:
-        """Let the robot become what its schedule says."""
-        self._robots.change(ONLY_ROBOT)
-        self._read_robot()
-        if self._world is not None:
-            self._world.update(self._robots.now)
-
     def _observe(self) -> Observation:
         goal = self.task.goal(self._memory) if self.task.has_goal else None
         fins = None
         if self._observe_fins:
             fins = self._reckoned if self._reckons else self._fin_angles
-        seen = observe(self._state, fins, goal)
-        sensors = self._robots.sensors
-        if sensors.broken:
-            most, rngs = self._limits, [self.np_random]
-            seen = sensors.observe(seen[None], -most, most, rngs, ONLY_ROBOT)[0]
-        return seen
+        whole = observe(self._state, fins, goal)
+        return self._robot.sense(whole, self._limits, [self.np_random])
 
     def _read_robot(self) -> None:
-        self._truth = {name: np.array(rows[0]) for name, rows in self._robots.truth().items()}
-        self._next_change = int(self._robots.next_change[0])
+        truth = self._robot.robots.truth()
+        self._truth = {name: np.array(rows[0]) for name, rows in truth.items()}
 
     def _info(
         self, before: Vector, terms: dict[str, float], diverged: bool = False
@@ -307,7 +290,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
         if self.render_mode is None:
             return None
-        body = Morphology.from_array(self._robots.now.body[0])
+        body = Morphology.from_array(self._robot.robots.now.body[0])
         pose = (self._state.position, self._state.orientation)
         if self.render_mode == "human":
             if self._window is None:
@@ -318,9 +301,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
 
     def close(self) -> None:
         """Free what the engine and the window hold; closing twice does no harm."""
-        if self._world is not None:
-            self._world.close()
-            self._world = None
+        self._robot.close()
         if self._window is not None:
             self._window.close()
             self._window = None

@@ -1,4 +1,4 @@
-"""What the single and the batched environment share: arguments, starts, observations, info."""
+"""What the single and the batched environment share: arguments, starts and spaces."""
 
 from __future__ import annotations
 
@@ -14,17 +14,14 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, edit_each
-from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
-from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for, read_class
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.scenario import LATE_FIELDS, TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
-from aquafish_gym.utils.array_types import Floats, Rows, Triple
+from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -34,7 +31,6 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-NO_CHANGE_STEP = 2**62
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
@@ -156,104 +152,6 @@ def begin_episodes(
         for robot, fin in np.argwhere(np.isnan(scenario.fin_angles)).tolist():
             scenario.fin_angles[robot, fin] = rngs[robot].uniform(-math.pi, math.pi)
     return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
-
-
-class Robots:
-    """The current scenario of B robots, and the control step at which each changes next.
-
-    Attributes
-    ----------
-    now
-        The current scenario (B robots).
-    next_change
-        (B,) the control step in which each robot changes next; ``NO_CHANGE_STEP`` if it does not.
-    sensors
-        Applies the faults of sensors to observations.
-    late
-        Whether a channel ever was, is or may become late, slow or scaled; only then ``truth`` says
-        which.
-    """
-
-    def __init__(self, scenario: Scenario, hold: int, late: bool = False) -> None:
-        self.late = late
-        self.now = scenario.copy()
-        self.next_change = np.full(len(scenario), NO_CHANGE_STEP)
-        self.sensors = Sensors(len(scenario), dt=TIMESTEP * hold)
-        self._servos = DelayLines(len(scenario), 3, first=np.zeros(3))
-        self._hold = hold
-        # For each robot: control step, scenario and row in it, of the changes to come.
-        self._changes: list[list[tuple[int, Scenario, int]]] = [[] for _ in range(len(scenario))]
-
-    def start(self, rows: Rows, scenario: Scenario) -> None:
-        """Let the robots ``rows`` (n,) begin a scenario of n."""
-        for robot in rows.tolist():
-            self._changes[robot] = []
-        self.sensors.reset(rows)
-        self._servos.reset(rows)
-        dt = TIMESTEP * self._hold
-        for stage in (scenario, *(change.to for change in scenario.schedule)):
-            self.late = self.late or stage.is_late
-            self.sensors.remember(stage.sensor_delay)
-            self._servos.remember(longest(stage.servo_delay, dt))
-        for step, changed, to in scenario.schedule:
-            for i, robot in enumerate(rows[changed].tolist()):
-                self._changes[robot].append((step // self._hold, to, i))
-        self._set(rows, scenario)
-
-    def change(self, rows: Rows) -> None:
-        """Let the robots ``rows`` (n,) change as their schedules say next."""
-        together: dict[int, tuple[Scenario, list[int], list[int]]] = {}
-        for robot in rows.tolist():
-            _, to, i = self._changes[robot].pop(0)
-            _, robots, sources = together.setdefault(id(to), (to, [], []))
-            robots.append(robot)
-            sources.append(i)
-        for to, robots, sources in together.values():
-            self._set(np.array(robots), to.take(sources))
-
-    def _set(self, rows: Rows, scenario: Scenario) -> None:
-        for name, table in self.now.arrays().items():
-            table[rows] = vars(scenario)[name]
-        self.sensors.update(rows, Readings.of(scenario))
-        dt = TIMESTEP * self._hold
-        delays = delay_steps(scenario.servo_delay, dt)
-        self._servos.update(rows, delays, scenario.servo_hold / dt)
-        changes = self._changes
-        self.next_change[rows] = [
-            changes[i][0][0] if changes[i] else NO_CHANGE_STEP for i in rows.tolist()
-        ]
-
-    @property
-    def acts_late(self) -> bool:
-        """Whether servos may follow earlier actions than the last."""
-        return self._servos.active
-
-    def drive(self, speeds: Vector) -> Vector:
-        """Return the speeds that servos follow in this step, which may be those of earlier ones.
-
-        Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
-        """
-        if not self.acts_late:
-            return speeds
-        asked = np.reshape(np.array(speeds, np.float64), (3, -1)).T
-        left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
-        if isinstance(speeds[0], float):
-            return (float(left[0]), float(right[0]), float(caudal[0]))
-        return (left, right, caudal)
-
-    def truth(self) -> dict[str, NDArray[Any]]:
-        """Return copies of the robots' damaged properties, by their names in ``info``."""
-        now = self.now
-        late = {name: vars(now)[name].copy() for name in LATE_FIELDS} if self.late else {}
-        return {
-            "faults": now.faults.copy(),
-            "morphology": now.body.copy(),
-            "servo_gain": now.servo_gain.copy(),
-            "sensor_noise": now.gyro_noise.copy(),
-            "sensor_bias": now.sensor_bias.copy(),
-            "sensor_lost": now.sensor_stuck | now.sensor_dropped,
-            **late,
-        }
 
 
 def check_fin_angles(value: object) -> str | Triple:

@@ -16,15 +16,15 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
-from aquafish_gym.envs.autoreset import AutoresetMode
-from aquafish_gym.envs.episode import EpisodeConfig, Robots
+from aquafish_gym.envs.autoreset import AutoresetMode, check_mode
+from aquafish_gym.envs.episode import EpisodeConfig
 from aquafish_gym.envs.motion import MOTION, motion_info
+from aquafish_gym.envs.robots import Robots
 from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step, Task
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
-from aquafish_gym.rendering import check_render_mode, render_pose
+from aquafish_gym.rendering import check_render_mode
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
 from aquafish_gym.utils.array_types import Flags, Floats, Info, Observations, Rows
@@ -33,7 +33,6 @@ from aquafish_gym.utils.validation import (
     finite_array,
     flag,
     integer,
-    one_of,
 )
 
 if TYPE_CHECKING:
@@ -44,9 +43,6 @@ Counts = NDArray[np.int64]
 Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
-
-# Rows of a table of states.
-QUATERNION_ROWS, POSITION_ROWS = FIELDS["orientation"], FIELDS["position"]
 
 
 class AquaFishVectorEnv(
@@ -113,9 +109,7 @@ class AquaFishVectorEnv(
 
         super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
-        name = getattr(autoreset_mode, "value", autoreset_mode)
-        modes = [mode.value for mode in AutoresetMode]
-        self.autoreset_mode = AutoresetMode(one_of("autoreset_mode", name, modes))
+        self.autoreset_mode = check_mode(autoreset_mode)
         if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
                 'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
@@ -185,7 +179,7 @@ class AquaFishVectorEnv(
         configs = batching.with_options(self._configs, given, rows)  # may refuse
         self._seed(seeds, rows)
         self._begin(rows, configs)
-        self._look(rows)
+        self._sense(rows, self._truth(rows))
         return self._seen.copy(), batching.masked(self._first_info(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Flags, Flags, Info]:
@@ -197,34 +191,19 @@ class AquaFishVectorEnv(
             If the actions are not finite numbers of that shape, before the first reset, or after
             an episode's end with autoreset disabled.
         """
-        over = self._steps == self._last
-        if not self._rngs or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
-            raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        before, action = self._now, self._command(actions)
-        # A robot whose episode was over swims for nothing, and begins the next one.
+        over = self._episodes_over()
+        action = self._command(actions)
+        before = self._now
         outcome = self._swim(action, over)
-        diverged = outcome.lost & ~over
-        self._steps += 1
-        self._steps[diverged] = self._last
-        terms, reward = self._reward(before, action, outcome, diverged | over)
-        self._change(diverged | over)
-        if over.any():
-            self._begin_next(over)
-            outcome.moved[:, over] = 0.0  # they are at the origin
-            outcome.seen[over] = self._truth(np.flatnonzero(over))
-            outcome.fin_angles[:, over] = angles_of_rows(self._now[:, over])
-        self._see_further(outcome.seen)
-        self._sense(self._everyone, outcome.seen)
+        terms, reward = self._reward(before, action, outcome, over)
+        self._change(outcome.lost | over)
+        self._begin_again(over, outcome)
+        self._observe(outcome.seen)
+        info = self._step_info(outcome, terms)
         ended = self._steps == self._last
-        moved = dict(zip(MOTION, outcome.moved, strict=True))
-        info = self._info(moved, terms, diverged, outcome.fin_angles)
-        info = batching.masked(info, np.ones(self.num_envs, np.bool_))
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
-            last = self._seen.copy()
-            self._begin_next(ended)
-            self._look(np.flatnonzero(ended))
-            info = batching.put_final(info, self._first_info(), last, ended)
-        return self._seen.copy(), reward, diverged, ended & ~diverged, info
+            info = self._begin_at_once(ended, info)
+        return self._seen.copy(), reward, outcome.lost, ended & ~outcome.lost, info
 
     @property
     def states(self) -> Floats:
@@ -246,8 +225,18 @@ class AquaFishVectorEnv(
             speeds[:] = gains.T * np.array(driven)
         return action
 
+    def _episodes_over(self) -> Flags:
+        """Return whose episode is over (num_envs,), and which begins another one in this step."""
+        over: Flags = self._steps == self._last
+        if not self._rngs or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
+            raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
+        return over
+
     def _swim(self, action: Floats, over: Flags) -> Outcome:
-        """Swim one step; return its outcome. Robots that diverge keep their last states."""
+        """Swim one step; return its outcome. Robots that diverge keep their last states.
+
+        Those whose episode was ``over`` swim for nothing: none of them is lost.
+        """
         water = None
         if type(self.task).current is not Task.current:
             water = self.task.current(tuple(self._memory), self._steps * self.dt)
@@ -263,10 +252,13 @@ class AquaFishVectorEnv(
             speeds = servo_speeds(batching.components(action))
             reckoned = reckon(batching.components(self._reckoned), speeds, TAU * self.dt)
             self._reckoned = np.where(outcome.lost, self._reckoned, reckoned)
+        np.logical_and(outcome.lost, ~over, out=outcome.lost)
+        self._steps += 1
+        self._steps[outcome.lost] = self._last
         return outcome
 
     def _step_from(self, before: States, actions: Floats) -> Step:
-        here = batching.components(before[POSITION_ROWS].astype(np.float64))
+        here = batching.components(before[FIELDS["position"]].astype(np.float64))
         now = state_from_numbers(self.states)
         memory = tuple(self._memory)
         return Step(
@@ -274,10 +266,12 @@ class AquaFishVectorEnv(
         )
 
     def _reward(
-        self, before: States, action: Floats, outcome: Outcome, bad: Flags
+        self, before: States, action: Floats, outcome: Outcome, over: Flags
     ) -> tuple[Terms, Floats]:
-        """Return the reward's terms and their sum, 0 under ``bad``; let the task remember."""
-        names, reward = self._judge.names, outcome.reward
+        """Return the reward's terms and their sum, 0 where lost or over; let the task remember."""
+        names = self._judge.names
+        reward = outcome.reward
+        bad = outcome.lost | over
         terms = dict(zip(names, outcome.terms, strict=True))
         remembers = type(self.task).remember is not Task.remember
         step = self._step_from(before, action) if remembers or not names else None
@@ -292,7 +286,7 @@ class AquaFishVectorEnv(
 
     def _change(self, bad: Flags) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
-        due = self._robots.next_change == self._steps
+        due = self._robots.next_change == self._steps * self.frame_skip
         if due.any():
             changed = np.flatnonzero(due & ~bad)
             self._robots.change(changed)
@@ -302,8 +296,9 @@ class AquaFishVectorEnv(
         robots = self._robots.now.take(rows)
         return replace(robots, servo_gain=np.ones_like(robots.servo_gain))
 
-    def _begin(self, rows: Rows, configs: list[EpisodeConfig]) -> None:
-        """Put robots at the start of new episodes."""
+    def _begin(self, rows: Rows, configs: Sequence[EpisodeConfig] = ()) -> None:
+        """Put robots at the start of new episodes, by default as they are configured."""
+        configs = configs or [self._configs[i] for i in rows.tolist()]
         rngs = [self._rngs[i] for i in rows.tolist()]
         start, memories = episode.begin_episodes(configs, rngs, self.frame_skip)
         self._steps[rows] = 0
@@ -315,14 +310,23 @@ class AquaFishVectorEnv(
         self._swimmers.restart(rows, self._engine_robots(rows))
         self._now[:, rows] = self._swimmers.state_rows()[:, rows]
 
-    def _begin_next(self, mask: Flags) -> None:
-        """Put the robots under ``mask`` at the start of their next episodes."""
-        rows = np.flatnonzero(mask)
-        self._begin(rows, [self._configs[i] for i in rows.tolist()])
+    def _begin_again(self, over: Flags, outcome: Outcome) -> None:
+        """Put the robots whose episodes are over at the start of the next ones."""
+        if not over.any():
+            return
+        rows = np.flatnonzero(over)
+        self._begin(rows)
+        outcome.moved[:, over] = 0.0  # they are at the origin
+        outcome.seen[over] = self._truth(rows)
+        outcome.fin_angles[:, over] = angles_of_rows(self._now[:, over])
 
-    def _look(self, rows: Rows) -> None:
-        """Let these robots observe the present state."""
+    def _begin_at_once(self, ended: Flags, info: Info) -> Info:
+        """Begin the next episodes within the step that ended them; return ``info`` of both."""
+        last = self._seen.copy()
+        rows = np.flatnonzero(ended)
+        self._begin(rows)
         self._sense(rows, self._truth(rows))
+        return batching.put_final(info, self._first_info(), last, ended)
 
     def _truth(self, rows: Rows) -> Observations:
         """Return what whole sensors of these robots observe."""
@@ -338,13 +342,14 @@ class AquaFishVectorEnv(
             goal = self.task.goal(tuple(self._memory[:, rows]))
         return fins, goal
 
-    def _see_further(self, seen: Observations) -> None:
-        """Let the robots observe what comes after the nine channels."""
+    def _observe(self, seen: Observations) -> None:
+        """Let all robots observe; ``seen`` holds what whole sensors observe in nine channels."""
         if seen.shape[1] > len(CHANNELS):
             now = state_from_numbers(self.states)
             more = np.transpose(beyond_imu(now, *self._further(slice(None))))
             most = self._limits[len(CHANNELS) :]
             seen[:, len(CHANNELS) :] = np.clip(more, -most, most)
+        self._sense(self._everyone, seen)
 
     def _sense(self, rows: Rows, seen: Observations) -> None:
         """Let the sensors of these robots observe what whole ones do."""
@@ -365,6 +370,12 @@ class AquaFishVectorEnv(
             **terms,
         }
 
+    def _step_info(self, outcome: Outcome, terms: Terms) -> Info:
+        """Return ``info`` after a step, with the masks that Gymnasium wants."""
+        moved = dict(zip(MOTION, outcome.moved, strict=True))
+        info = self._info(moved, terms, outcome.lost, outcome.fin_angles)
+        return batching.masked(info, np.ones(self.num_envs, np.bool_))
+
     def _first_info(self) -> Info:
         """Return ``info`` where no step was taken: the reward's terms are 0."""
         zeros = np.zeros(self.num_envs)
@@ -383,12 +394,4 @@ class AquaFishVectorEnv(
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        poses = np.concatenate([self.states, angles_of_rows(self._now)]).T
-        return tuple(
-            render_pose(
-                Morphology.from_array(sizes),
-                (pose[POSITION_ROWS], pose[QUATERNION_ROWS]),
-                pose[-3:],
-            )
-            for sizes, pose in zip(self._robots.now.body, poses, strict=True)
-        )
+        return batching.frames(self._robots.now.body, self.states)

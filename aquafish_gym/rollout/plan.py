@@ -110,10 +110,9 @@ class Plan:
 
 def is_ever_late(scenario: Scenario) -> bool:
     """Return whether a channel of a scenario's robots is ever late, slow or scaled."""
-    return scenario.is_late or any(change.to.is_late for change in scenario.schedule)
+    return any(stage.is_late for stage in scenario.stages())
 
 
 def ever(scenario: Scenario, *fields: str) -> bool:
     """Return whether one of these fields of a scenario is ever other than 0."""
-    stages = [scenario, *(change.to for change in scenario.schedule)]
-    return any(np.any(vars(stage)[name]) for stage in stages for name in fields)
+    return any(np.any(vars(stage)[name]) for stage in scenario.stages() for name in fields)

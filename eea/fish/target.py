@@ -84,7 +84,7 @@ class EngineTarget:
         world = gap.edit(Scenario.create(whole, current=current))
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
-        for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
+        for stage in self._scenario.stages():
             check_row("servo_gain", stage.servo_gain[0])
             if stage.servo_delay.any() or stage.servo_hold.any():
                 raise InvalidArgumentError(
@@ -151,9 +151,8 @@ class EngineTarget:
         truth[0, GYRO_CHANNELS] = self._gap.gyro_bias  # it begins at rest
         truth[1:, GYRO_CHANNELS] = gyro[0]
         sensors = Sensors(1, np.float64)
-        sensors.remember(self._scenario.sensor_delay)
-        for later in self._scenario.schedule:
-            sensors.remember(later.to.sensor_delay)
+        for stage in self._scenario.stages():
+            sensors.remember(stage.sensor_delay)
         sensors.update(ONLY_ROBOT, Readings.of(self._scenario))
         observed = []
         for begin, end, change in self._scenario.segments(len(truth)):

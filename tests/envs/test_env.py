@@ -188,8 +188,8 @@ def test_divergence_terminates_the_episode() -> None:
     env = make()
     env.reset()
     good, *_ = env.step(GO)
-    assert isinstance(env._world, CompiledWorld)
-    env._world._numbers[11] = np.nan
+    assert isinstance(env._robot.world, CompiledWorld)
+    env._robot.world._numbers[11] = np.nan
     seen, reward, terminated, truncated, info = env.step(GO)
     assert (seen == good).all()
     assert (reward, terminated, truncated, info["diverged"]) == (0.0, True, False, True)

@@ -262,7 +262,7 @@ def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
     good, *_ = env.step(action)
     single.step(action[1])
     env._swimmers._table(env._swimmers._states, 25)[row, 1] = speed
-    single._world._numbers[row] = speed  # type: ignore[attr-defined]
+    single._robot.world._numbers[row] = speed  # type: ignore[attr-defined]
     seen, reward, terminated, _, info = env.step(action)
     one, score, ended, _, told = single.step(action[1])
     assert terminated.tolist() == [False, ended, False]

@@ -127,7 +127,7 @@ def test_an_environment_breaks_in_mujocos_water() -> None:
     for faults in (0, 3):
         observation, *_, info = env.step(env.action_space.sample())
         assert info["faults"] == faults
-    world = env.unwrapped._world
+    world = env.unwrapped._robot.world
     assert world.model.body_mass[2] == pytest.approx(0.5 * world.model.body_mass[3])
     assert info["servo_gain"].tolist() == [1.0, 1.0, 0.5]
     assert np.abs(observation[6:] - world.state().spin).max() > 1e-3

@@ -122,7 +122,7 @@ def state_rows(env: Any) -> NDArray[Any]:
     """View the compiled robots' own states, (22 or more, B), to be written to."""
     if isinstance(env, AquaFishVectorEnv):
         return env._swimmers._table(env._swimmers._states, layout.STATE_ROWS)
-    return env._world._numbers[STATE_ENTRIES, None]
+    return env._robot.world._numbers[STATE_ENTRIES, None]
 
 
 def strike(env: Any, blow: str, robot: int = 0) -> None:
@@ -133,7 +133,7 @@ def strike(env: Any, blow: str, robot: int = 0) -> None:
 
 def strike_bullet(env: Any, blow: str) -> None:
     """Spoil the state of the robot in PyBullet."""
-    world, value = env._world, BLOWS[blow][1]
+    world, value = env._robot.world, BLOWS[blow][1]
     if blow.startswith("a fin"):
         world._joints[:2] = value
         return
