@@ -15,7 +15,8 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "core": core.__all__,
         "fish": fish.__all__,
-        "joint.problem": ["Hypothesis", "JointProblem", "Nuisance"],
+        "joint.problem": ["Hypothesis", "Normal", "Nuisance"],
+        "joint.robot": ["Robot"],
         "joint.session": ["JointInference"],
         "study.presets": ["FIGURES", "figure_config"],
     },

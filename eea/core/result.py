@@ -26,20 +26,20 @@ SHARE_DECIMALS = (
 )
 
 
-def handed_on(bodies: Floats, layout: BitLayout) -> Floats:
+def handed_on(bodies: Floats, low: Floats, span: Floats) -> Floats:
     """Return inferred bodies (..., n) to 1e-4 of each range, as other searches take them.
 
     The last digits of least squares depend on the processor, by the kernels of its linear algebra.
-    They mean nothing, but a search for a gait would magnify them.
+    They mean nothing, but a search for a gait would magnify them. ``low`` (n,) and ``span`` (n,)
+    are of the ranges.
 
     Examples
     --------
-    >>> from eea.core.genome import model_layout
-    >>> handed_on(np.array([0.800000221]), model_layout([("length", 1.6, 6)]))
+    >>> handed_on(np.array([0.800000221]), np.zeros(1), np.array([1.6]))
     array([0.8])
     """
-    shares = np.round((bodies - layout.low) / layout.span, SHARE_DECIMALS)
-    return np.asarray(layout.low + shares * layout.span)
+    shares = np.round((bodies - low) / span, SHARE_DECIMALS)
+    return np.asarray(low + shares * span)
 
 
 class RoundFit(NamedTuple):
@@ -150,7 +150,11 @@ class Result:
     @property
     def body(self) -> Floats:
         """The best model (n,) for other searches; of joint inference to 1e-4 of each range."""
-        return self.model if self.belief is None else handed_on(self.model, self.layout)
+        return (
+            self.model
+            if self.belief is None
+            else handed_on(self.model, self.layout.low, self.layout.span)
+        )
 
     @property
     def objective_fitness(self) -> float | None:

@@ -89,14 +89,15 @@ def fish_eea(
     """
     config = checked_config(config)
     engine = EngineSimulator(config.steps, **simulator)
+    problem = fish_problem()
     body = None if truth is None else Morphology.coerce(truth).to_array()
     if isinstance(config, JointConfig):
         # scipy.stats is imported here to keep `import eea` quick.
-        from eea.fish.joint import fish_joint
+        from eea.fish.joint import fish_robot
         from eea.joint.session import JointInference
 
-        return JointInference(target, fish_joint(engine), config, seed, body)
-    return EEA(target, engine, fish_problem(), config, seed, body)
+        return JointInference(target, fish_robot(engine), problem, config, seed, body)
+    return EEA(target, engine, problem, config, seed, body)
 
 
 def estimate_morphology_of(

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
-from eea.fish.joint import GAIN_PLACES, LAG_PLACE, SERVO_PLACES
+from eea.fish.joint import LAG, SERVO, SERVO_GAIN
 from eea.joint.joint_posterior import INTERVAL_SAMPLES, JointPosterior
 
 
@@ -50,16 +51,16 @@ def fins_after(result: Result) -> Fins:
     """
     instance("result", result, Result)
     belief = result.belief
-    if not isinstance(belief, JointPosterior) or not belief.branches[0].parameters.joint.hidden:
+    if not isinstance(belief, JointPosterior) or not belief.robot.hidden:
         raise ConfigurationError(
             "result must be of the condition joint, after a trial from unknown fin angles"
         )
     best = belief.branches[0]
     theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))
-    last = best.parameters.local(theta)[:, -1]
-    _, nuisances, angles = best.parameters.inputs(last)
-    gains = nuisances[:, GAIN_PLACES] * nuisances[:, SERVO_PLACES]
-    turning = result.config.steps * TIMESTEP - nuisances[:, LAG_PLACE, None]
+    values = best.parameters.values(best.parameters.local(theta)[:, -1])
+    angles = np.stack([values[fin] for fin in FINS], axis=1)
+    gains = np.stack([values[SERVO_GAIN] * values[SERVO[fin]] for fin in FINS], axis=1)
+    turning = result.config.steps * TIMESTEP - values[LAG][:, None]
     command = np.array(result.rounds[-1].command)
     waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)
     lengths = np.clip(np.abs(waves), 1e-12, 1.0)

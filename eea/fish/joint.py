@@ -11,70 +11,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
-from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
-from eea.fish.simulator import EngineSimulator, fish_problem
+from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
-    MOST_STRIDE,
     Calibration,
     Discrepancy,
     Hypothesis,
-    JointProblem,
     Nuisance,
     Part,
+    Values,
     groups_of,
 )
+from eea.joint.robot import MOST_STRIDE, Robot
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
 FINER_STEPS = 4  # for each of the simulator's steps; they show the error of its time step
 GYRO_SCALE_SD = 0.03
 GYRO_MOUNTING_SD = 0.03  # rad, about each axis
 HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
+#: rad/s. A gyroscope that costs a dollar has a hundredth of it; louder noise has to be given.
+LOUDEST_NOISE = 0.3
 HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
-# The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a laboratory's
+SIZE_NAMES = tuple(d.name for d in DIMENSIONS)
+CURRENT = tuple(f"current {axis}" for axis in "xyz")
+DRAG = tuple(f"drag of the {what}" for what in ("fins", "body"))
+SERVO_GAIN = "servo gain"
+GYRO_BIAS = tuple(f"gyro bias {axis}" for axis in "xyz")
+LAG = "lag"
+REACTIVE_WATER = "reactive water"
+START_VELOCITY = tuple(f"start velocity {axis}" for axis in "xyz")
+START_SPIN = tuple(f"start spin {axis}" for axis in "xyz")
+
+# The priors' widths are typical of a laboratory's
 # robot; the ranges are beyond what is plausible.
 NUISANCES: tuple[Nuisance, ...] = (
-    *(Nuisance(f"current {axis}", -0.5, 0.5, 0.0, 0.15, "current") for axis in "xyz"),
-    *(Nuisance(f"drag of the {what}", 0.5, 1.5, 1.0, 0.2, "drag") for what in ("fins", "body")),
-    Nuisance("servo gain", 0.7, 1.3, 1.0, 0.1, "servo_gain"),
-    *(Nuisance(f"gyro bias {axis}", -0.3, 0.3, 0.0, 0.05, "gyro_bias") for axis in "xyz"),
+    *(Nuisance(name, -0.5, 0.5, 0.0, 0.15, "current") for name in CURRENT),
+    *(Nuisance(name, 0.5, 1.5, 1.0, 0.2, "drag") for name in DRAG),
+    Nuisance(SERVO_GAIN, 0.7, 1.3, 1.0, 0.1, "servo_gain"),
+    *(Nuisance(name, -0.3, 0.3, 0.0, 0.05, "gyro_bias") for name in GYRO_BIAS),
     # A servo starts with a jerk, which lies within a sample of 0.01 s or not.
-    Nuisance("lag", 0.0, 0.2, 0.0, 0.05, valleys=20),
+    Nuisance(LAG, 0.0, 0.2, 0.0, 0.05, valleys=20),
     # The tail's sweep is symmetric: reversal only shifts its phase.
     *(
         Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
         for fin, name in SERVO.items()
     ),
-    Nuisance("reactive water", 0.0, 1.0, 0.0, switch=True),
+    Nuisance(REACTIVE_WATER, 0.0, 1.0, 0.0, switch=True),
 )
-CURRENT_PLACES = slice(0, 3)
-DRAG_PLACES = slice(3, 5)
-GAIN_PLACES = slice(5, 6)
-BIAS_PLACES = slice(6, 9)
-LAG_PLACE = 9
-SERVO_PLACES = slice(10, 13)
-REACTIVE_PLACE = 13
-
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
 # gyroscope measures the spin up to its noise.
 START_NUISANCES: tuple[Nuisance, ...] = (
-    *(Nuisance(f"start velocity {axis}", -2.0, 2.0, 0.0, 0.5, start=True) for axis in "xyz"),
-    *(Nuisance(f"start spin {axis}", -0.5, 0.5, 0.0, 0.1, start=True) for axis in "xyz"),
+    *(Nuisance(name, -2.0, 2.0, 0.0, 0.5, start=True) for name in START_VELOCITY),
+    *(Nuisance(name, -0.5, 0.5, 0.0, 0.1, start=True) for name in START_SPIN),
 )
-VELOCITY_PLACES = CURRENT_PLACES
-SPIN_PLACES = slice(14, 17)
 
 # A seized servo is stuck at one angle; a dead one does not move, but its angle differs from trial
 # to trial; a reversed one turns the other way; a weak one has any share of its speed, either way.
+AS_COMMANDED = Hypothesis("every servo does as it is told")
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
         Hypothesis(
@@ -101,35 +104,30 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         Hypothesis(f"the servo of the {word} is weak", freed=(SERVO[fin],), part=word)
         for fin, word in FIN_WORDS.items()
     ),
-    Hypothesis("the water also resists acceleration", {"reactive water": 1.0}),
+    Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0}),
 )
 
 
 def fish_signal(
-    bodies: Floats,
-    nuisances: Floats,
-    commands: NDArray[Any],
-    angles: Floats,
+    values: Values,
+    inputs: NDArray[Any],
     fine: bool,
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
     hull: float = 1.0,
 ) -> NDArray[np.floating]:
-    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
+    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.robot.Simulate``.
 
-    ``nuisances`` (B, n) has the columns of ``NUISANCES``, or in mid-swim those of ``fish_joint``.
-    With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers. ``hull`` is a factor
-    on the hull's mass.
+    ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,).
+    ``hull`` is a factor on the hull's mass.
     """
     start = None if windows is None else windows.start
-    reactive = nuisances[:, REACTIVE_PLACE] > 0.5
+    reactive = values[REACTIVE_WATER] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
         parts = [
             fish_signal(
-                bodies[rows],
-                nuisances[rows],
-                commands[rows],
-                angles[rows],
+                {name: value[rows] for name, value in values.items()},
+                inputs[rows],
                 fine,
                 simulator,
                 windows,
@@ -137,33 +135,36 @@ def fish_signal(
             )
             for rows in (~reactive, reactive)
         ]
-        signal = np.empty((len(bodies), *parts[0].shape[1:]), parts[0].dtype)
+        signal = np.empty((len(reactive), *parts[0].shape[1:]), parts[0].dtype)
         signal[~reactive], signal[reactive] = parts
         return signal
+    gain = values[SERVO_GAIN][:, None]
+    bias = _columns(values, GYRO_BIAS)
+    still = np.zeros((len(reactive), 3))
     fields = {
-        "body": bodies,
-        "fin_angles": angles,
-        "current": np.asarray(simulator.current) + nuisances[:, CURRENT_PLACES],
+        "body": _columns(values, SIZE_NAMES),
         # A heavier hull moves as if all else weighed less and met less drag.
-        "drag": nuisances[:, DRAG_PLACES] / hull,
-        "fin_density": np.full(len(bodies), 1.0 / hull),
-        "servo_gain": nuisances[:, GAIN_PLACES] * nuisances[:, SERVO_PLACES],
-        "servo_lag": nuisances[:, LAG_PLACE],
+        "drag": _columns(values, DRAG) / hull,
+        "fin_density": np.full(len(reactive), 1.0 / hull),
+        "servo_gain": gain * _columns(values, SERVO.values()),
+        "servo_lag": values[LAG],
     }
-    still = np.zeros((len(bodies), 3))
     if start is not None:
-        known = {n: still + getattr(start, n) for n in ("fin_angles", "velocity", "spin")}
-        fields |= {"current": still, **known}
-    elif windows is not None and windows.begun:
-        spin = windows.spin[commands] - nuisances[:, BIAS_PLACES] + nuisances[:, SPIN_PLACES]
-        fields |= {"current": still, "velocity": nuisances[:, VELOCITY_PLACES], "spin": spin}
+        fields |= {n: still + getattr(start, n) for n in ("fin_angles", "velocity", "spin")}
+    else:
+        fields["fin_angles"] = _columns(values, FINS)
+        if windows is not None and windows.begun:
+            fields["velocity"] = _columns(values, START_VELOCITY)
+            fields["spin"] = windows.spin[inputs] - bias + _columns(values, START_SPIN)
+        else:
+            fields["current"] = np.asarray(simulator.current) + _columns(values, CURRENT)
     scenario = Scenario.fill(fields, bool(reactive.any()))
     if start is not None:  # until then every servo obeyed its command
-        obeyed = replace(scenario, servo_gain=still + nuisances[:, GAIN_PLACES])
-        scenario = replace(obeyed, schedule=(Change(0, np.arange(len(bodies)), scenario),))
+        obeyed = replace(scenario, servo_gain=still + gain)
+        scenario = replace(obeyed, schedule=(Change(0, np.arange(len(reactive)), scenario),))
     gyro = simulate_scenario(
         scenario,
-        commands if windows is None else windows.series[commands],
+        inputs if windows is None else windows.series[inputs],
         simulator.steps,
         simulator.engine,
         "float64" if fine else simulator.dtype,
@@ -174,16 +175,19 @@ def fish_signal(
         begun=0 if windows is None else windows.begun,
     ).gyro
     assert gyro is not None
-    gyro += nuisances[:, None, BIAS_PLACES].astype(gyro.dtype)
-    found: NDArray[np.floating] = gyro if windows is None else windows.sampled(gyro, commands)
+    gyro += bias[:, None].astype(gyro.dtype)
+    found: NDArray[np.floating] = gyro if windows is None else windows.sampled(gyro, inputs)
     return found
 
 
+def _columns(values: Values, names: Iterable[str]) -> Floats:
+    """Return some of the values as columns (B, n)."""
+    return np.stack([values[name] for name in names], axis=1)
+
+
 def fish_discrepancy(
-    bodies: Floats,
-    nuisances: Floats,
-    commands: NDArray[Any],
-    angles: Floats,
+    values: Values,
+    inputs: NDArray[Any],
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
 ) -> Floats:
@@ -192,7 +196,7 @@ def fish_discrepancy(
     Each is one standard deviation: the error of its time step, the mass of the hull, a scale of
     the gyroscope, and a turn of the gyroscope about each axis.
     """
-    robots = (bodies, nuisances, commands, angles, True)
+    robots = (values, inputs, True)
     now = fish_signal(*robots, simulator, windows)
     finer = replace(simulator, substeps=min(FINER_STEPS * simulator.substeps, MAXIMUM_SUBSTEPS))
     # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
@@ -257,21 +261,23 @@ def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
         choice("nuisances", name, groups)
 
 
-def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) -> JointProblem:
-    """Return the fish as a joint problem, for trials from rest or for the windows of a log.
+def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) -> Robot:
+    """Return the fish as joint inference knows it, in trials from rest or in windows of a log.
 
-    The commands of a log's windows (E,) are their numbers from 0.
+    The inputs of a log's windows (E,) are their numbers from 0.
     """
     known = windows is not None and windows.start is not None
     hypotheses = HYPOTHESES
     if known:
         hypotheses = tuple(replace(h, shared_angles=()) for h in HYPOTHESES)
-    return JointProblem(
-        fish_problem(),
+    return Robot(
+        {d.name: (0.0, d.maximum) for d in DIMENSIONS},
         partial(fish_signal, simulator=simulator, windows=windows),
-        fish_nuisances(windows),
-        hypotheses,
-        {
+        {f"gyro {axis}": "rad/s" for axis in "xyz"},
+        nuisances=fish_nuisances(windows),
+        hidden=() if known else FINS,
+        hypotheses=hypotheses,
+        parts={
             word: Part(
                 {d.name: d.size for d in DIMENSIONS if d.fin == fin},
                 (f"{fin}.length", f"{fin}.width"),
@@ -279,7 +285,8 @@ def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) ->
             )
             for fin, word in FIN_WORDS.items()
         },
-        hidden=() if known else None,
+        nominal=AS_COMMANDED,
         discrepancy=_discrepancy(simulator, windows),
         stride=MOST_STRIDE if windows is None else min(MOST_STRIDE, windows.stride),
+        loudest=LOUDEST_NOISE,
     )

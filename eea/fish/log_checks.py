@@ -18,7 +18,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, 
 from eea.core.checks import TargetError, real
 from eea.core.config import FitConfig
 from eea.core.session import MAXIMUM_SEED, streams
-from eea.fish.joint import fish_joint
+from eea.fish.joint import fish_robot
 from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typical_step
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
@@ -226,11 +226,11 @@ class _Log(NamedTuple):
             windows = log_windows(some, moving, SCREENED_SECONDS if moving else None)
         except InvalidArgumentError:
             return None
-        fish = fish_joint(EngineSimulator(windows.steps, **self.simulator), windows)
+        fish = fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
         count = min(len(windows.gyro), SCREENED_WINDOWS)
         whole = windows.observed
         observed = Observed(
-            whole.commands[:count],
+            whole.inputs[:count],
             whole.signal[:count],
             None if whole.weight is None else whole.weight[:count],
             None if whole.time is None else whole.time[:count],
@@ -260,7 +260,7 @@ class _Log(NamedTuple):
         config = replace(CONFIRMING, nuisances=self.settings.nuisances, noise=self.settings.noise)
         try:
             windows = log_windows(change.apply(self.log, self.moving), moving)
-            fish = fish_joint(EngineSimulator(windows.steps, **self.simulator), windows)
+            fish = fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
             if config.nuisances is not None:  # a swim in motion has no current
                 chosen = tuple(n for n in config.nuisances if n in fish.groups)
                 config = replace(config, nuisances=chosen)

@@ -19,11 +19,11 @@ from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.joint import check_groups, fish_joint
+from eea.fish.joint import check_groups, fish_robot
 from eea.fish.log_checks import LogCheck, check_log
 from eea.fish.prior import check_belief, since
 from eea.fish.readings import STEP_TIME_TOLERANCE
-from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import Start, log_windows
 from eea.joint.change_detection import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
@@ -110,7 +110,7 @@ def infer_log(
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
     check_groups(config.nuisances, windows)
     body = None if truth is None else Morphology.coerce(truth).to_array()
-    fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
+    fish = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
         config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
     found: list[LogCheck] = []
@@ -130,7 +130,8 @@ def infer_log(
     last = windows.time[-1].max() / TIMESTEP - STEP_TIME_TOLERANCE / TIMESTEP
     own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
     command = windows.series[-1, own].mean(axis=0)
-    seconds, layout = time.monotonic() - began, fish.problem.models
+    seconds = time.monotonic() - began
+    layout = fish_problem().models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     checked = found[0] if found and not posterior.good else None
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)
@@ -220,7 +221,7 @@ def watch_swim(
     callback("progress", progress)
     integer("seed", seed, 0, MAXIMUM_SEED)
     windows = log_windows(log, True, WINDOW_SECONDS)
-    joint = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
+    joint = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     check_belief("belief", belief, joint)
     if not windows.series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")

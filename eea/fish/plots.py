@@ -99,7 +99,7 @@ def posterior_figure(result: Result) -> Figure:
             f"got the condition {result.config.condition} without a posterior"
         )
     best = belief.branches[0]
-    nuisances = [n for n in best.parameters.joint.nuisances if n.name in best.parameters.names]
+    nuisances = [n for n in belief.robot.nuisance_list if n.name in best.parameters.names]
     most = max(len(result.layout), len(nuisances))
     columns = 2 if nuisances else 1
     figure = new_figure(5.4 * columns, 1.3 + 0.42 * most, dpi=150)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -11,17 +12,19 @@ import numpy as np
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
 from eea.core.checks import ConfigurationError, choice, real
-from eea.fish.joint import SERVO, fish_joint
+from eea.fish.joint import SERVO, fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_posterior
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import Hypothesis, JointProblem
+from eea.joint.problem import Hypothesis, Normal
+from eea.joint.robot import Robot, joined
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
+ANYWHERE = Normal(0.0, math.inf)
 UNCHANGED_NAME = "nothing has changed"
 
 
@@ -53,13 +56,13 @@ def known_body(
     """
     real("noise", noise, 1e-9)
     instance("body", body, Morphology)
-    joint = fish_joint(EngineSimulator(1))
+    robot = fish_robot(EngineSimulator(1))
     for name in () if nuisances is None else sequence("nuisances", nuisances):
-        choice("nuisances", name, joint.groups)
+        choice("nuisances", name, robot.groups)
     names = [d.name for d in DIMENSIONS]
     known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))
-    joint = replace(joint, nominal=known, hypotheses=())
-    parameters = Parameters.of(joint, 1, joint.groups if nuisances is None else nuisances)
+    robot = replace(robot, nominal=known, hypotheses=())
+    parameters = Parameters.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
     mode = Mode(mean, parameters.prior_information, 0.0, np.zeros(len(mean)))
     posterior = Posterior(
@@ -70,7 +73,7 @@ def known_body(
     return JointPosterior((branch,), goodness, noise, 0)
 
 
-def check_belief(argument: str, belief: object, joint: JointProblem) -> None:
+def check_belief(argument: str, belief: object, robot: Robot) -> None:
     """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of this fish."""
     instance(argument, belief, JointPosterior)
     assert isinstance(belief, JointPosterior)
@@ -78,23 +81,22 @@ def check_belief(argument: str, belief: object, joint: JointProblem) -> None:
         check_posterior(belief)
     except ConfigurationError as error:
         raise InvalidArgumentError(f"{argument} must be a posterior: {error}") from None
-    known = belief.branches[0].parameters.joint.problem.models
-    for found, wanted in zip(known.variables, joint.problem.models.variables, strict=False):
-        if (found.name, found.low, found.high) != (wanted.name, wanted.low, wanted.high):
+    found = belief.robot.parameters
+    for (name, ends), (wanted, known) in zip(found.items(), robot.parameters.items(), strict=False):
+        if (name, *ends) != (wanted, *known):
             raise InvalidArgumentError(
-                f"{argument} must be a posterior of this fish, with {wanted.name} from "
-                f"{wanted.low:g} to {wanted.high:g}; "
-                f"it has {found.name} from {found.low:g} to {found.high:g}"
+                f"{argument} must be a posterior of this fish, with {wanted} from "
+                f"{known[0]:g} to {known[1]:g}; it has {name} from {ends[0]:g} to {ends[1]:g}"
             )
-    if len(known) != len(joint.problem.models):
+    if len(found) != len(robot.parameters):
         raise InvalidArgumentError(
-            f"{argument} must be a posterior of this fish, which has {len(joint.problem.models)} "
-            f"sizes; it has {len(known)}"
+            f"{argument} must be a posterior of this fish, which has {len(robot.parameters)} "
+            f"sizes; it has {len(found)}"
         )
 
 
-def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProblem:
-    """Return a problem whose robot had a body until some of its fins changed, or none.
+def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
+    """Return a robot that had a body until some of its fins changed, or none.
 
     Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
     changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
@@ -103,7 +105,7 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
-    check_belief("prior", prior, joint)
+    check_belief("prior", prior, robot)
     best = prior.branches[0]
     was = Hypothesis(UNCHANGED_NAME, best.hypothesis.fixed, freed=best.hypothesis.freed)
     odds = CHANGE_PROBABILITY / (1.0 - CHANGE_PROBABILITY) / len(_changes(FINS[0]))
@@ -114,7 +116,7 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
         for ways in product(*map(_changes, fins))
     ]
     return replace(
-        joint, nominal=was, hypotheses=tuple(hypotheses), prior=best.prior(), discrepancy=None
+        robot, nominal=was, hypotheses=tuple(hypotheses), prior=best.prior(), discrepancy=None
     )
 
 
@@ -124,19 +126,17 @@ def _changes(fin: str) -> list[Hypothesis]:
     sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
     servo = (SERVO[fin],)
     return [
-        Hypothesis(f"the {word} has other sizes", changed=sizes),
-        Hypothesis(f"the servo of the {word} has another speed", freed=servo, changed=servo),
+        Hypothesis(f"the {word} has other sizes", moves=dict.fromkeys(sizes, ANYWHERE)),
+        Hypothesis(
+            f"the servo of the {word} has another speed", freed=servo, moves={SERVO[fin]: ANYWHERE}
+        ),
         Hypothesis(f"the {word} is missing", dict.fromkeys(sizes, 0.0)),
     ]
 
 
 def _joined(was: Hypothesis, ways: tuple[Hypothesis, ...]) -> Hypothesis:
     """Return several changes of a robot as one hypothesis."""
-    changed = tuple(name for way in ways for name in way.changed)
-    fixed = {name: value for name, value in was.fixed.items() if name not in changed}
-    freed = dict.fromkeys([*was.freed, *(name for way in ways for name in way.freed)])
-    for way in ways:
-        fixed |= way.fixed
-    return Hypothesis(
-        " and ".join(way.name for way in ways), fixed, freed=tuple(freed), changed=changed
-    )
+    found = joined(ways)
+    kept = {name: value for name, value in was.fixed.items() if name not in found.moves}
+    freed = dict.fromkeys([*was.freed, *found.freed])
+    return replace(found, fixed={**kept, **found.fixed}, freed=tuple(freed))

@@ -93,11 +93,11 @@ def end_lines(result: Result) -> list[str]:
 def what_broke(result: Result) -> str:
     """Return a sentence that compares an explained body with the undamaged fish."""
     best = result.belief.branches[0]
-    joint = best.parameters.joint
+    robot = result.belief.robot
     clauses = []
-    if best.hypothesis.name != joint.nominal.name:
+    if best.hypothesis.name != robot.nominal.name:
         clauses.append(best.hypothesis.name)
-    if joint.prior is not None:
+    if robot.prior is not None:
         return _sentence("compared with the body before, ", clauses or ["nothing is broken"])
     whole = Morphology.nominal().to_array()
     low, high = result.interval(DIFFERENCE_MASS)

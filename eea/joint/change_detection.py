@@ -26,7 +26,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import COARSE, FINE, Regression, descend
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
-from eea.joint.problem import JointProblem
+from eea.joint.robot import Robot
 
 FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
 LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # with 0 there would never be one
@@ -53,7 +53,7 @@ class ChangeDetector:
 
     Parameters
     ----------
-    joint
+    robot
         The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
         have their posterior, by name.
     belief
@@ -66,7 +66,7 @@ class ChangeDetector:
 
     def __init__(
         self,
-        joint: JointProblem,
+        robot: Robot,
         belief: JointPosterior,
         alarm: float = FALSE_ALARM_PROBABILITY,
         seed: int = 0,
@@ -77,19 +77,19 @@ class ChangeDetector:
         self._rng = np.random.default_rng(seed)
         self._sigma, self._samples = belief.sigma, belief.samples
         best = belief.branches[0]
-        groups = {n.group for n in joint.nuisances if n.name in best.parameters.names}
-        known = replace(joint, prior=best.prior())
+        groups = {n.group for n in robot.nuisance_list if n.name in best.parameters.names}
+        known = replace(robot, prior=best.prior())
         self._one = Parameters.of(known, 1, groups, best.hypothesis)
 
     def look(
-        self, commands: NDArray[Any], signal: Floats, weight: Floats | None = None
+        self, inputs: NDArray[Any], signal: Floats, weight: Floats | None = None
     ) -> WindowTest:
-        """Test one window with commands (1, ...) and a finite signal (T, axes).
+        """Test one window with inputs (1, ...) and a finite signal (T, axes).
 
         ``weight`` (T,) is that of its samples; see :class:`eea.joint.observed.Observed`.
         """
-        signal = finite("signal", signal, (None, self._one.joint.problem.axes))
-        observed = Observed(commands, signal[None], None if weight is None else weight[None])
+        signal = finite("signal", signal, (None, len(self._one.robot.channels)))
+        observed = Observed(inputs, signal[None], None if weight is None else weight[None])
         angles = len(self._one.angle_entries(0))
         freedom = observed.size - angles
         cost = np.inf

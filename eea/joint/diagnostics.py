@@ -10,7 +10,8 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.posterior import Posterior
-from eea.joint.problem import Hypothesis, JointProblem
+from eea.joint.problem import Hypothesis
+from eea.joint.robot import Robot
 
 DIAGNOSTIC_MASS = 0.9  # of the intervals that are judged
 # A part is absent if the 95% quantile of its area is below this share of the largest area.
@@ -50,7 +51,7 @@ class _Size(NamedTuple):
         return np.asarray(self.low + share * (self.high - self.low))
 
 
-def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()) -> list[str]:
+def findings(posterior: Posterior, robot: Robot, fits: Sequence[Fit] = ()) -> list[str]:
     """Return sentences on faults, and on what is absent, ambiguous, traded off or undetermined.
 
     ``posterior`` is that of the first of the hypotheses' ``fits``. Of an absent part nothing else
@@ -58,18 +59,18 @@ def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()
     """
     present: list[_Size] = []
     absences: dict[str, str] = {}
-    for name in joint.parts:
-        sizes = _sizes(joint, name)
-        absence = _absence(posterior, [sizes[dimension] for dimension in joint.parts[name].area])
+    for name in robot.parts:
+        sizes = _sizes(robot, name)
+        absence = _absence(posterior, [sizes[dimension] for dimension in robot.parts[name].area])
         if absence:
             absences[name] = absence
         else:
             present += sizes.values()
-    best = fits[0].hypothesis if fits else joint.nominal
-    removed = {name for name in absences if _removes(best, joint, name)}
+    best = fits[0].hypothesis if fits else robot.nominal
+    removed = {name for name in absences if _removes(best, robot, name)}
     moot = [f for f in fits if f.hypothesis.part in absences and f.hypothesis.part not in removed]
     moot += [f for f in fits if f.hypothesis.part in removed and f.hypothesis is not best]
-    said = faults([f for f in fits if f not in moot], joint)
+    said = faults([f for f in fits if f not in moot], robot)
     said += [absence for name, absence in absences.items() if name not in removed]
     low, high = posterior.interval(DIAGNOSTIC_MASS)
     width = (high - low) / (posterior.high - posterior.low)
@@ -98,27 +99,27 @@ def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()
     return said
 
 
-def beyond_range(posterior: Posterior, joint: JointProblem) -> list[str]:
+def beyond_range(posterior: Posterior, robot: Robot) -> list[str]:
     """Return a sentence on each size of a part that may be beyond its range."""
-    sizes = [size for name in joint.parts for size in _sizes(joint, name).values()]
+    sizes = [size for name in robot.parts for size in _sizes(robot, name).values()]
     return _beyond(posterior, sizes)
 
 
-def _sizes(joint: JointProblem, name: str) -> dict[str, _Size]:
+def _sizes(robot: Robot, name: str) -> dict[str, _Size]:
     """Return the dimensions of a part, by name."""
-    models, part = joint.problem.models, joint.parts[name]
+    part = robot.parts[name]
     hint = f"; {part.hint}" if part.hint else ""
     sizes = {}
     for dimension, label in part.sizes.items():
-        i = models.names.index(dimension)
-        ends = float(models.low[i]), float(models.high[i])
-        sizes[dimension] = _Size(f"the {name}", label, i, *ends, hint)
+        i = list(robot.parameters).index(dimension)
+        low, high = robot.parameters[dimension]
+        sizes[dimension] = _Size(f"the {name}", label, i, low, high, hint)
     return sizes
 
 
-def _removes(hypothesis: Hypothesis, joint: JointProblem, name: str) -> bool:
+def _removes(hypothesis: Hypothesis, robot: Robot, name: str) -> bool:
     """Return whether a hypothesis says that a part is missing."""
-    area = joint.parts[name].area
+    area = robot.parts[name].area
     return bool(area) and all(dimension in hypothesis.fixed for dimension in area)
 
 
@@ -138,16 +139,16 @@ class Fit(NamedTuple):
     excess: float  #: By how much its best cost exceeds the least of all hypotheses.
 
 
-def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
+def faults(fits: Sequence[Fit], robot: Robot) -> list[str]:
     """Return sentences on the hypotheses that may hold instead of the nominal one.
 
     Those about parts that fit alike differ only in the volume of their priors, and are one
     sentence, the most probable first; so are one and the nominal hypothesis.
     """
     nominal = [
-        f for f in fits if f.hypothesis.name == joint.nominal.name and f.excess < EQUAL_FIT_COST
+        f for f in fits if f.hypothesis.name == robot.nominal.name and f.excess < EQUAL_FIT_COST
     ]
-    odd = [f for f in fits if f.hypothesis.name != joint.nominal.name]
+    odd = [f for f in fits if f.hypothesis.name != robot.nominal.name]
     odd = [f for f in odd if f.probability > LEAST_REPORTED_PROBABILITY]
     alike = [f for f in odd if f.hypothesis.part and f.excess < EQUAL_FIT_COST]
     said: list[str] = []
@@ -158,7 +159,7 @@ def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
             ways = [f"{f.hypothesis.name} ({f.probability:.0%})" for f in alike]
             ways += ["nothing is wrong with it"] * len(nominal)
             parts = dict.fromkeys(f.hypothesis.part for f in alike)
-            hints = [joint.parts[part].hint for part in parts if joint.parts[part].hint]
+            hints = [robot.parts[part].hint for part in parts if robot.parts[part].hint]
             text = f"{ways[0]}, but the data fit alike if " + " or ".join(ways[1:])
             said.append(text + (f"; {', '.join(hints)}" if hints else ""))
     return said

@@ -93,9 +93,9 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     local = parameters.local(optima.fits.theta)  # (S, E, W)
     if discrepancy.shapes is None:
         return np.empty((*local.shape[:2], 0, observed.signal[0].size))
-    bodies, nuisances, angles = parameters.inputs(local.reshape(-1, local.shape[-1]))
-    commands = np.concatenate([observed.commands] * len(local))
-    found = discrepancy.shapes(bodies, nuisances, commands, angles).swapaxes(2, 3)
+    values = parameters.values(local.reshape(-1, local.shape[-1]))
+    inputs = np.concatenate([observed.inputs] * len(local))
+    found = discrepancy.shapes(values, inputs).swapaxes(2, 3)
     found = np.where(np.isfinite(found), found, 0.0)
     if observed.weight is not None:
         weights = np.concatenate([observed.weight] * len(local))

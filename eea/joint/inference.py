@@ -21,7 +21,8 @@ from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED_PRECISION, Parameters
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import Hypothesis, JointProblem, Simulate
+from eea.joint.problem import Hypothesis, Values
+from eea.joint.robot import Robot, Simulate
 from eea.joint.search import Optima, halved, improved, search
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: a smaller part is hard to tell from one that does not move
@@ -31,7 +32,7 @@ LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 def fit(
     observed: Observed,
-    joint: JointProblem,
+    robot: Robot,
     config: FitConfig,
     rng: np.random.Generator,
     earlier: JointPosterior | None = None,
@@ -53,7 +54,7 @@ def fit(
     ----------
     observed
         All trials.
-    joint, config
+    robot, config
         The robot and the settings.
     rng
         Draws the starting points.
@@ -73,35 +74,35 @@ def fit(
         If no simulation stays finite.
     """
     instance("observed", observed, Observed)
-    instance("joint", joint, JointProblem)
+    instance("robot", robot, Robot)
     instance("config", config, FitConfig)
     instance("rng", rng, np.random.Generator)
     if earlier is not None:
         instance("earlier", earlier, JointPosterior)
     callback("progress", progress)
     callback("doubt", doubt)
-    check_nuisances(joint, config)
-    finite("signal", observed.signal, (len(observed), None, joint.problem.axes))
-    counter = _Counter(joint.simulate)
-    joint = replace(joint, simulate=counter)
+    check_nuisances(robot, config)
+    finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
+    counter = _Counter(robot.simulate, robot.takes_precision)
+    robot = replace(robot, simulate=counter)
     start = (earlier and earlier.warm_start) or WarmStart()
-    groups = joint.groups if config.nuisances is None else config.nuisances
+    groups = robot.groups if config.nuisances is None else config.nuisances
 
     def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
-        parameters = Parameters.of(joint, len(observed), groups, hypothesis, config.per_trial)
+        parameters = Parameters.of(robot, len(observed), groups, hypothesis, config.per_trial)
         regression = Regression(parameters, observed, config.noise)
         before = start.optima.get(hypothesis.name)
         if progress is not None:
             progress(hypothesis.name)
-        once = not start.explained or joint.prior is not None  # a misfit means a change
+        once = not start.explained or robot.prior is not None  # a misfit means a change
         return _optimize(regression, config, rng, before, plain, once)
 
     # Fit the robot as it should be, then the other hypotheses that are plausible.
-    plain = optimize(joint.nominal)
+    plain = optimize(robot.nominal)
     explained = plain.goodness.good
     alone = mixture(plain, plain)
     others: list[tuple[Hypothesis, Optima]] = []
-    plausible = _plausible(joint, config, plain, alone, earlier)
+    plausible = _plausible(robot, config, plain, alone, earlier)
     if plausible and not explained and doubt is not None and not doubt(plain):
         plausible = []
     for changes in sorted({h.changes for h in plausible}):
@@ -114,7 +115,7 @@ def fit(
         alone = mixture(plain, plain)
 
     # Weigh them by their evidence.
-    fitted = [(joint.nominal, plain), *others]
+    fitted = [(robot.nominal, plain), *others]
     best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
     mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
     constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
@@ -139,7 +140,7 @@ def fit(
     hopeless = {
         fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
     }
-    dropped = (start.dropped | hopeless) - {joint.nominal.name}
+    dropped = (start.dropped | hopeless) - {robot.nominal.name}
     return JointPosterior(
         branches,
         optima[branches[0].hypothesis.name].goodness,
@@ -149,12 +150,12 @@ def fit(
     )
 
 
-def check_nuisances(joint: JointProblem, config: FitConfig) -> None:
+def check_nuisances(robot: Robot, config: FitConfig) -> None:
     """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
     for name in config.nuisances or ():
-        choice("nuisances", name, joint.groups)
+        choice("nuisances", name, robot.groups)
     for name in config.per_trial:
-        choice("per_trial", name, joint.groups)
+        choice("per_trial", name, robot.groups)
 
 
 def _least(optima: Optima) -> float:
@@ -165,14 +166,16 @@ def _least(optima: Optima) -> float:
 class _Counter:
     """A simulator that counts robots."""
 
-    def __init__(self, simulate: Simulate) -> None:
-        self._simulate, self.robots = simulate, 0
+    def __init__(self, simulate: Simulate, takes_precision: bool) -> None:
+        self._simulate = simulate
+        self._takes_precision = takes_precision
+        self.robots = 0
 
-    def __call__(
-        self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
-    ) -> NDArray[Any]:
-        self.robots += len(bodies)
-        return self._simulate(bodies, nuisances, commands, angles, fine)
+    def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
+        self.robots += len(next(iter(values.values())))
+        if self._takes_precision:
+            return self._simulate(values, inputs, fine)  # type: ignore[call-arg]
+        return self._simulate(values, inputs)
 
 
 def _optimize(
@@ -209,7 +212,7 @@ def _optimize(
 
 
 def _plausible(
-    joint: JointProblem,
+    robot: Robot,
     config: FitConfig,
     plain: Optima,
     alone: Posterior,
@@ -219,16 +222,16 @@ def _plausible(
     if config.alternatives == "never":
         return []
     start = (earlier and earlier.warm_start) or WarmStart()
-    likely = [h for h in joint.hypotheses if h.name not in start.dropped]
+    likely = [h for h in robot.alternatives if h.name not in start.dropped]
     if config.alternatives == "always" or not plain.goodness.good:
         return likely
     # Those that were probable stay: a small fin explains a missing one nearly as well.
     probable = {branch.hypothesis.name for branch in earlier.branches} if earlier else set()
-    place = joint.problem.models.names.index
+    place = list(robot.parameters).index
     least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
     absent = {
         name
-        for name, part in joint.parts.items()
+        for name, part in robot.parts.items()
         if any(least[place(dimension)] < ABSENT_SIZE_SHARE for dimension in part.area)
     }
     return [h for h in likely if h.name in probable or h.part in absent]
@@ -257,7 +260,7 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
 
 def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
     """Return the posterior if the simulator may be wrong, which a problem need not say."""
-    discrepancy = optima.regression.parameters.joint.discrepancy
+    discrepancy = optima.regression.parameters.robot.discrepancy
     if discrepancy is None:
         return inside
     return replace(inside, modes=doubted(optima, best, discrepancy))
@@ -266,11 +269,15 @@ def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
 def log_prior_constant(parameters: Parameters) -> float:
     """Return the constant of the log prior, which differs between sets of parameters."""
     informed = parameters.prior_precision > 0.0
+    low, high = parameters.low, parameters.high
+    free = ~informed & ~parameters.circular  # uniform between the bounds
     information = parameters.prior_information[np.ix_(informed, informed)]
     mean = parameters.prior_mean[informed]
     sd = np.sqrt(np.diag(np.linalg.inv(information)))
-    high, low = log_ndtr((1.0 - mean) / sd), log_ndtr(-mean / sd)
-    mass = high + np.log1p(-np.exp(low - high))  # inside the bounds, of each alone
+    above = log_ndtr((high[informed] - mean) / sd)
+    below = log_ndtr((low[informed] - mean) / sd)
+    mass = above + np.log1p(-np.exp(below - above))  # inside the bounds, of each alone
+    mass = np.append(mass, np.log(high[free] - low[free]))
     normal = 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1] - mass.sum()
     return float(normal - np.count_nonzero(parameters.circular) * np.log(2.0 * np.pi))
 

@@ -196,7 +196,7 @@ def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats
 
 def _lined(parameters: Parameters) -> list[tuple[int, Floats]]:
     """Return the entries of nuisances with valleys, and the middle of each valley."""
-    count = {n.name: n.valleys for n in parameters.joint.nuisances}
+    count = {n.name: n.valleys for n in parameters.robot.nuisance_list}
     names = enumerate(name.partition("@")[0] for name in parameters.names)
     return [(i, (np.arange(count[n]) + 0.5) / count[n]) for i, n in names if count.get(n)]
 

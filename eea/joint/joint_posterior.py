@@ -17,6 +17,7 @@ from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, holding, intervals
 from eea.joint.problem import Hypothesis, Prior
+from eea.joint.robot import Robot
 from eea.joint.search import Optima
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
@@ -75,6 +76,11 @@ class JointPosterior:
     #: For the next fit; None of a posterior that was read from a file.
     warm_start: WarmStart | None = field(default=None, repr=False)
 
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.branches[0].parameters.robot
+
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` bodies (count, n) drawn from the posterior, in natural units.
 
@@ -82,8 +88,7 @@ class JointPosterior:
         """
         whole("count", count, 1, MAXIMUM_SAMPLES)
         instance("rng", rng, np.random.Generator)
-        layout = self.branches[0].parameters.joint.problem.models
-        return handed_on(self._drawn(count, rng), layout)
+        return handed_on(self._drawn(count, rng), self.robot.low, self.robot.span)
 
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         return self._mixed([branch.doubted for branch in self.branches], count, rng)
@@ -117,8 +122,7 @@ class JointPosterior:
     @property
     def spread(self) -> Floats:
         """The standard deviation in each dimension (n,), as a share of its range."""
-        layout = self.branches[0].parameters.joint.problem.models
-        spread: Floats = self._bodies.std(axis=0) / layout.span
+        spread: Floats = self._bodies.std(axis=0) / self.robot.span
         return spread
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
@@ -127,9 +131,9 @@ class JointPosterior:
         See ``eea.joint.posterior.intervals``. They assume that some body explains the trials, which
         ``good`` says.
         """
-        layout = self.branches[0].parameters.joint.problem.models
-        straight = np.zeros(len(layout), dtype=np.bool_)
-        low, high = intervals(self._bodies, layout.low, layout.high, straight, mass)
+        robot = self.robot
+        straight = np.zeros(len(robot.parameters), dtype=np.bool_)
+        low, high = intervals(self._bodies, robot.low, robot.high, straight, mass)
         return holding(low, high, self.model, straight)[:2]
 
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
@@ -167,19 +171,19 @@ class JointPosterior:
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
-        nominal = best.parameters.joint.nominal.name
+        nominal = self.robot.nominal.name
         if self.goodness.good:
             costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
             fits = [
                 Fit(b.hypothesis, b.probability, cost - min(costs))
                 for b, cost in zip(self.branches, costs, strict=True)
             ]
-            return findings(best.posterior, best.parameters.joint, fits)
+            return findings(best.posterior, self.robot, fits)
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
         said = [self.goodness.verdict]
         if best.hypothesis.name != nominal:
             said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
-        return said + beyond_range(best.posterior, best.parameters.joint)
+        return said + beyond_range(best.posterior, self.robot)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything except the modes' covariances, ready for JSON.
@@ -205,6 +209,6 @@ class JointPosterior:
                 f"{mass:.0%}": {name: list(row) for name, row in self.table(mass).items()}
                 for mass in ((0.5, 0.8, 0.9) if self.good else ())
             },
-            "dimensions": list(self.branches[0].parameters.joint.problem.models.names),
+            "dimensions": list(self.robot.parameters),
             "modes": modes,
         }

@@ -125,10 +125,9 @@ class Misfit:
         parts = []
         for first in range(0, len(robots), MOST_ROBOTS):
             rows = slice(first, first + MOST_ROBOTS)
-            bodies, nuisances, angles = self.parameters.inputs(robots[rows])
-            commands = self._observed.commands[which[rows]]
-            signal = self.parameters.joint.simulate(
-                bodies, nuisances, commands, angles, self.precision.fine
+            values = self.parameters.values(robots[rows])
+            signal = self._observed.simulate(
+                self.parameters.robot, values, which[rows], self.precision.fine
             )
             kept = signal[:, :: self.precision.stride].swapaxes(1, 2)
             parts.append(kept.reshape(len(kept), -1))
@@ -208,7 +207,7 @@ class Regression:
 
     parameters: Parameters
     observed: Observed
-    noise: float | None  #: Its standard deviation if it is known, rad/s.
+    noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
         """Return the misfit at a precision."""
@@ -217,17 +216,17 @@ class Regression:
 
     def stride(self, precision: Precision) -> int:
         """Return every how many samples are compared: all, where they are far apart."""
-        return min(precision.stride, self.parameters.joint.stride)
+        return min(precision.stride, self.parameters.robot.stride)
 
     @cached_property
     def rms(self) -> float:
-        """The root mean square of the signal, rad/s."""
+        """The root mean square of the signal, in its unit."""
         mean = (self.observed.weighted**2).sum() / self.observed.size
         return max(float(np.sqrt(mean)), 1e-12)
 
     @property
     def least_sigma(self) -> float:
-        """The standard deviation of rounding, rad/s."""
+        """The standard deviation of rounding, in the signal's unit."""
         return LEAST_RELATIVE_SIGMA * self.rms
 
     def sigma(self, squares: float, count: int) -> float:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
+from eea.joint.problem import Values
+from eea.joint.robot import Robot
 
 EVEN_TIME_SHARE = (
     0.5  # of the mean distance of two samples: readings within it of even times count as even
@@ -40,8 +42,8 @@ class SlowBasis(NamedTuple):
 class Observed:
     """E trials of the robot."""
 
-    commands: NDArray[Any]  #: (E, c), or another array of E rows that ``Simulate`` takes.
-    signal: Floats  #: (E, T, axes), rad/s.
+    inputs: NDArray[Any]  #: (E, ...), a row for each trial: what a simulator takes of it.
+    signal: Floats  #: (E, T, axes), in the channels' units.
     #: (E, T), factors that give all samples the noise of one reading; 0 after a trial's end. None
     #: for 1.
     weight: Floats | None = None
@@ -50,7 +52,16 @@ class Observed:
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
-        return len(self.commands)
+        return len(self.signal)
+
+    def simulate(
+        self, robot: Robot, values: Values, trials: NDArray[np.intp], fine: bool
+    ) -> NDArray[Any]:
+        """Return simulated signals (B, T, axes) of ``values`` (B,) by name, of ``trials`` (B,)."""
+        inputs = self.inputs[trials]
+        if robot.takes_precision:
+            return robot.simulate(values, inputs, fine)  # type: ignore[call-arg]
+        return robot.simulate(values, inputs)
 
     @cached_property
     def counts(self) -> tuple[int, ...]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats, wrap
-from eea.joint.problem import Hypothesis, JointProblem, Prior
+from eea.joint.problem import Hypothesis
+from eea.joint.robot import Robot
 
 FIXED_SLOT = -1  # in ``slots``: a constant instead of a parameter
 # The prior's precision of a dimension that a hypothesis fixes. The dimension stays an entry.
@@ -20,12 +22,12 @@ FIXED_PRECISION = 1e12
 class Parameters:
     """The unknowns of E trials as one vector theta (P,).
 
-    First come the body's dimensions and the nuisances common to all trials, as shares of their
+    First come the robot's parameters and the nuisances common to all trials, as shares of their
     ranges in [0, 1], then each trial's own nuisances (shares) and hidden angles (rad). A **slot**
     is one of the W numbers that a trial is simulated with: body, nuisances, angles.
     """
 
-    joint: JointProblem
+    robot: Robot
     names: tuple[str, ...]  #: Of the entries; those of trial e end in ``@e``, from 1.
     low: Floats  #: Lower bounds (P,); infinite for angles.
     high: Floats  #: Upper bounds (P,).
@@ -43,7 +45,7 @@ class Parameters:
     @classmethod
     def of(
         cls,
-        joint: JointProblem,
+        robot: Robot,
         trials: int,
         groups: Collection[str],
         hypothesis: Hypothesis | None = None,
@@ -53,37 +55,36 @@ class Parameters:
 
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
-        hypothesis = joint.nominal if hypothesis is None else hypothesis
-        models = joint.problem.models
-        nuisances = joint.nuisances
-        hidden = joint.hidden
-        assert hidden is not None
+        hypothesis = robot.nominal if hypothesis is None else hypothesis
+        nuisances = robot.nuisance_list
+        hidden = robot.hidden
+        size = len(robot.parameters)
         angles = np.zeros(len(hidden))
-        low = np.concatenate([models.low, [n.low for n in nuisances], angles])
-        span = np.concatenate([models.span, [n.high - n.low for n in nuisances], angles + 1.0])
+        low = np.concatenate([robot.low, [n.low for n in nuisances], angles])
+        span = np.concatenate([robot.span, [n.high - n.low for n in nuisances], angles + 1.0])
         constants = np.zeros(len(low))
         # Of all trials, and of each: name, slot, prior mean and precision.
         shared: list[tuple[str, int, float, float]] = []
         own: list[tuple[str, int, float, float]] = []
-        for i, name in enumerate(models.names):
+        for i, name in enumerate(robot.parameters):
             if name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
                 shared.append((name, i, constants[i], FIXED_PRECISION))
             else:
                 shared.append((name, i, 0.5, 0.0))
-        for i, nuisance in enumerate(nuisances, len(models)):
+        for i, nuisance in enumerate(nuisances, size):
             name = nuisance.name
             constants[i] = mean = (nuisance.nominal - low[i]) / span[i]
             precision = (span[i] / nuisance.sd) ** 2
             inferred = nuisance.start or (nuisance.group in groups and not nuisance.switch)
-            by_trial = nuisance.start or nuisance.group in per_trial
+            by_trial = nuisance.start or nuisance.group in per_trial or name in robot.each_trial
             if name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
             elif name in hypothesis.freed or (inferred and not by_trial):
                 shared.append((name, i, mean, precision))
             elif inferred:
                 own.append((name, i, mean, precision))
-        for i, name in enumerate(hidden, len(models) + len(nuisances)):
+        for i, name in enumerate(hidden, size + len(nuisances)):
             (shared if name in hypothesis.shared_angles else own).append((name, i, 0.0, 0.0))
         slots = np.full((trials, len(low)), FIXED_SLOT, dtype=np.intp)
         for entry, (name, i, _, _) in enumerate(shared):
@@ -94,16 +95,23 @@ class Parameters:
         slots[:, by_trial_slots] = np.arange(len(shared), count).reshape(trials, len(own))
         rows = shared + [(f"{name}@{e + 1}", *row) for e in range(trials) for name, *row in own]
         names, places, means, precisions = zip(*rows, strict=True)
-        turning = np.array(places) >= len(models) + len(nuisances)
-        mean, information = _informed(joint.prior, hypothesis, names, means, precisions)
+        turning = np.array(places) >= size + len(nuisances)
+        prior = _Prior(
+            np.array(means),
+            np.diag(precisions),
+            np.where(turning, -np.inf, 0.0),
+            np.where(turning, np.inf, 1.0),
+        )
+        _inform(prior, robot, hypothesis, names)
+        _move(prior, robot, hypothesis, names)
         return cls(
-            joint,
+            robot,
             names,
-            low=np.where(turning, -np.inf, 0.0),
-            high=np.where(turning, np.inf, 1.0),
+            low=prior.low,
+            high=prior.high,
             circular=turning,
-            prior_mean=mean,
-            prior_information=information,
+            prior_mean=prior.mean,
+            prior_information=prior.information,
             slots=slots,
             _places=np.array(places),
             _constants=constants,
@@ -116,8 +124,8 @@ class Parameters:
 
     @property
     def body(self) -> int:
-        """Number of the body's entries, which come first."""
-        return len(self.joint.problem.models)
+        """Number of the entries of the robot's parameters, which come first."""
+        return len(self.robot.parameters)
 
     @property
     def unknowns(self) -> int:
@@ -134,10 +142,10 @@ class Parameters:
         values: Floats = np.where(self.slots == FIXED_SLOT, self._constants, theta[:, self.slots])
         return values
 
-    def inputs(self, local: Floats) -> list[Floats]:
-        """Return bodies, nuisances and angles, (..., width), of slots (..., W), for a simulator."""
+    def values(self, local: Floats) -> dict[str, Floats]:
+        """Return the values (B,) by name, in natural units, of slots (B, W), for a simulator."""
         natural = self._offset + self._span * local
-        return np.split(natural, np.cumsum([self.body, len(self.joint.nuisances)]), axis=-1)
+        return dict(zip(self.robot.names, natural.T, strict=True))
 
     def natural(self, theta: Floats) -> Floats:
         """Return vectors (..., P) in natural units; angles stay rad."""
@@ -145,9 +153,12 @@ class Parameters:
         return values
 
     def models(self, theta: Floats) -> Floats:
-        """Return the bodies (..., n) of vectors (..., P), in natural units."""
-        layout = self.joint.problem.models
-        return np.clip(layout.low + layout.span * theta[..., : self.body], layout.low, layout.high)
+        """Return the parameters (..., n) of vectors (..., P), in natural units."""
+        robot = self.robot
+        found = np.clip(robot.low + robot.span * theta[..., : self.body], robot.low, robot.high)
+        fixed = np.flatnonzero(self.slots[0, : self.body] == FIXED_SLOT)
+        found[..., fixed] = robot.low[fixed] + robot.span[fixed] * self._constants[fixed]
+        return found
 
     def typical(self, bodies: Floats) -> Floats:
         """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero.
@@ -156,13 +167,14 @@ class Parameters:
         """
         theta: Floats = np.tile(self.prior_mean, (len(bodies), 1))
         sought = self.prior_precision[: self.body] == 0.0
-        theta[:, : self.body] = np.where(sought, bodies, theta[:, : self.body])
+        low = self.low[: self.body]
+        within = low + (self.high[: self.body] - low) * bodies
+        theta[:, : self.body] = np.where(sought, within, theta[:, : self.body])
         return theta
 
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries (h,) are a trial's hidden angles."""
-        assert self.joint.hidden is not None
-        return self.slots[trial, self.slots.shape[1] - len(self.joint.hidden) :]
+        return self.slots[trial, self.slots.shape[1] - len(self.robot.hidden) :]
 
     def own_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries are a trial's alone."""
@@ -173,12 +185,12 @@ class Parameters:
 
     def freed_entries(self) -> NDArray[np.intp]:
         """Return which entries are switches that the hypothesis has freed."""
-        switches = {n.name for n in self.joint.nuisances if n.switch}
+        switches = {n.name for n in self.robot.nuisance_list if n.switch}
         return np.flatnonzero([name in switches for name in self.names])
 
     def start_slots(self) -> NDArray[np.intp]:
         """Return which slots are a trial's initial state, except the angles."""
-        starts = [n.start for n in self.joint.nuisances]
+        starts = [n.start for n in self.robot.nuisance_list]
         return self.body + np.flatnonzero(np.array(starts, dtype=np.bool_))
 
     def into_bounds(self, theta: Floats) -> Floats:
@@ -192,22 +204,57 @@ class Parameters:
         return cost
 
 
-def _informed(
-    prior: Prior | None,
-    hypothesis: Hypothesis,
-    names: tuple[str, ...],
-    means: tuple[float, ...],
-    precisions: tuple[float, ...],
-) -> tuple[Floats, Floats]:
-    """Return the mean (P,) and information (P, P) of the prior, where there is one, of entries."""
-    mean, information = np.array(means), np.diag(precisions)
-    if prior is not None:
-        silent = {*hypothesis.changed, *hypothesis.fixed}
-        said = [n for n in prior.names if n in names and n not in silent]
-        entries = [names.index(n) for n in said]
-        which = [prior.names.index(n) for n in said]
-        mean[entries] = prior.mean[which]
-        covariance = prior.covariance[np.ix_(which, which)]
-        information[entries] = 0.0
-        information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
-    return mean, information
+class _Prior(NamedTuple):
+    """A normal prior of P entries, within bounds, as shares of their ranges."""
+
+    mean: Floats
+    information: Floats
+    low: Floats
+    high: Floats
+
+
+def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
+    """Write a robot's own prior over that of entries that no hypothesis moves, in place."""
+    known = robot.prior
+    if known is None:
+        return
+    silent = {*hypothesis.moves, *hypothesis.fixed}
+    said = [n for n in known.names if n in names and n not in silent]
+    entries = [names.index(n) for n in said]
+    which = [known.names.index(n) for n in said]
+    prior.mean[entries] = known.mean[which]
+    prior.information[entries] = 0.0
+    covariance = known.covariance[np.ix_(which, which)]
+    prior.information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
+
+
+def _move(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
+    """Write what a hypothesis moves, and how far, into the prior, in place.
+
+    A change adds to what was known. Bounds of the change count from the mean of what was known.
+    """
+    for name, change in hypothesis.moves.items():
+        if name not in names:
+            continue
+        i = names.index(name)
+        place = robot.names.index(name)
+        ends = [(n.low, n.high) for n in robot.nuisance_list]
+        low, high = [*robot.parameters.values(), *ends][place]
+        was, spread = _was(robot, name, prior.mean[i], prior.information[i, i])
+        span = high - low
+        prior.low[i] = np.clip(was + change.low / span, 0.0, 1.0)
+        prior.high[i] = np.clip(was + change.high / span, 0.0, 1.0)
+        if np.isfinite(change.sd):
+            prior.mean[i] = was + change.mean / span
+            prior.information[i, i] = 1.0 / (spread**2 + (change.sd / span) ** 2)
+
+
+def _was(robot: Robot, name: str, mean: float, information: float) -> tuple[float, float]:
+    """Return the mean and the sd of a number before it moved, as shares of its range."""
+    if name in robot.whole:
+        low, high = robot.parameters[name]
+        return (robot.whole[name] - low) / (high - low), 0.0
+    if robot.prior is not None and name in robot.prior.names:
+        i = robot.prior.names.index(name)
+        return float(robot.prior.mean[i]), float(np.sqrt(robot.prior.covariance[i, i]))
+    return mean, float(information**-0.5) if information > 0.0 else 0.0

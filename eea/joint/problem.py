@@ -1,4 +1,4 @@
-"""A robot for joint inference: a core ``Problem``, nuisances, hypotheses and a simulator."""
+"""What a robot of joint inference may have besides its parameters: nuisances, hypotheses, parts."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import math
 import numbers
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eea.core.angles import Floats
 from eea.core.checks import (
@@ -17,7 +16,6 @@ from eea.core.checks import (
     all_of,
     brief,
     callback,
-    choice,
     finite,
     flag,
     instance,
@@ -26,24 +24,34 @@ from eea.core.checks import (
     text,
     whole,
 )
-from eea.core.problem import Problem
-
-MOST_STRIDE = 4
 
 
-class Simulate(Protocol):
-    """A simulator of batches of trials."""
+@dataclass(frozen=True)
+class Normal:
+    """A normal distribution, truncated to [low, high]; with an infinite ``sd`` it is uniform.
 
-    def __call__(
-        self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
-    ) -> NDArray[Any]:
-        """Return the signal (B, T, axes) of B trials.
+    Examples
+    --------
+    >>> Normal(0.0, 0.2, low=0.0).low  # half of it: upwards only
+    0.0
+    """
 
-        ``bodies`` (B, n) and ``commands`` (B, c) are in the problem's units, ``nuisances`` (B, k)
-        in their own units and order, the hidden ``angles`` (B, h) in rad. ``commands`` may be
-        another array of B rows, such as series. ``fine`` requests double precision. No trial may
-        depend on the others; one that diverges gives a signal that is not finite.
-        """
+    mean: float
+    sd: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        real("mean", self.mean, -math.inf)
+        if self.sd != math.inf:
+            real("sd", self.sd, 1e-12)
+        for name in ("low", "high"):
+            if not (isinstance(getattr(self, name), float) and math.isinf(getattr(self, name))):
+                real(name, getattr(self, name), -math.inf)
+        if not self.low < self.high:
+            raise ConfigurationError(
+                f"low must be less than high; got {self.low:g} and {self.high:g}"
+            )
 
 
 @dataclass(frozen=True)
@@ -104,12 +112,15 @@ class Hypothesis:
     """
 
     name: str  #: A clause, for people.
-    #: Values of dimensions and nuisances that it fixes.
+    #: Values of parameters and nuisances that it fixes.
     fixed: Mapping[str, float] = field(default_factory=dict)
     shared_angles: tuple[str, ...] = ()  #: Hidden angles that are the same in all trials.
     freed: tuple[str, ...] = ()  #: Switches that are inferred.
     part: str = ""  #: The name of the part that it concerns, if any.
-    changed: tuple[str, ...] = ()  #: Parameters whose prior is dropped.
+    #: The parameters and nuisances that have changed, each by how much: ``Normal(0, 0.3)`` is a
+    #: change either way, ``Normal(0, 0.3, low=0)`` one upwards, and ``Normal(0, inf)`` one to
+    #: anywhere in the range.
+    moves: Mapping[str, Normal] = field(default_factory=dict)
     #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
@@ -119,7 +130,8 @@ class Hypothesis:
         mapping("fixed", self.fixed, numbers.Real)
         for name, value in self.fixed.items():
             real(f"fixed {name}", value, -math.inf)
-        for name in ("shared_angles", "freed", "changed"):
+        mapping("moves", self.moves, Normal)
+        for name in ("shared_angles", "freed"):
             object.__setattr__(self, name, all_of(name, getattr(self, name), str))
         text("part", self.part, empty=True)
         whole("changes", self.changes, 0, 1000)
@@ -128,7 +140,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Part:
-    """Dimensions that belong together, such as a fin's.
+    """Parameters that belong together, such as a fin's sizes.
 
     Examples
     --------
@@ -137,8 +149,8 @@ class Part:
     ''
     """
 
-    sizes: Mapping[str, str]  #: Dimension -> its label, such as "length".
-    area: tuple[str, ...] = ()  #: Two dimensions whose product is the part's area, if it has one.
+    sizes: Mapping[str, str]  #: Parameter -> its label, such as "length".
+    area: tuple[str, ...] = ()  #: Two parameters whose product is the part's area, if it has one.
     hint: str = ""  #: Which trial would determine them.
 
     def __post_init__(self) -> None:
@@ -147,15 +159,16 @@ class Part:
         text("hint", self.hint, empty=True)
 
 
-#: Takes bodies, nuisances, commands and angles of B trials; returns (B, K, T, axes), rad/s.
-DifferenceShapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
+Values = Mapping[str, Floats]  # by name, (B,) each, in natural units
+#: Takes the values and inputs of B trials, as a simulator does; returns (B, K, T, channels).
+DifferenceShapes = Callable[[Values, Any], Floats]
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Factors on the half widths of intervals, of split-conformal prediction.
 
-    With them, 90% intervals hold 90% of each dimension in the robots that they were made with.
+    With them, 90% intervals hold 90% of each parameter in the robots that they were made with.
 
     Examples
     --------
@@ -166,7 +179,7 @@ class Calibration:
 
     #: Noise over the signal's norm, ascending, at which ``rows`` are given.
     levels: tuple[float, ...]
-    rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
+    rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each parameter.
 
     def __post_init__(self) -> None:
         levels = finite("levels", self.levels, (None,))
@@ -201,12 +214,9 @@ class Discrepancy:
             instance("calibration", self.calibration, Calibration)
 
 
-AS_COMMANDED = Hypothesis("every servo does as it is told")
-
-
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """A normal prior of some dimensions and nuisances, as shares of their ranges."""
+    """A normal prior of some parameters and nuisances, as shares of their ranges."""
 
     names: tuple[str, ...]
     mean: Floats  #: (n,)
@@ -216,93 +226,6 @@ class Prior:
         count = len(all_of("names", self.names, str))
         for name, shape in {"mean": (count,), "covariance": (count, count)}.items():
             object.__setattr__(self, name, finite(name, getattr(self, name), shape))
-
-
-@dataclass(frozen=True)
-class JointProblem:
-    """A robot whose body, nuisances and hidden angles are inferred together.
-
-    Raises
-    ------
-    ConfigurationError
-        If a name occurs twice, or a hypothesis or part refers to an unknown name.
-
-    Examples
-    --------
-    A pendulum with a motor, of unknown length, whose gyroscope has a bias:
-
-    >>> from eea.core.genome import action_layout, model_layout
-    >>> def simulate(bodies, nuisances, commands, angles, fine):
-    ...     time = 0.01 * np.arange(1, 65)
-    ...     rate = bodies[:, :1] * np.sin(commands[:, :1] * time + angles)
-    ...     return (rate + nuisances[:, :1])[:, :, None]
-    >>> pendulum = Problem(
-    ...     models=model_layout([("length", 2.0, 6)]),
-    ...     actions=action_layout([("torque", -1.0, 1.0)]),
-    ...     hidden=("angle",),
-    ...     axes=1,
-    ... )
-    >>> joint = JointProblem(pendulum, simulate, (Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05),))
-    >>> joint.groups
-    ('bias',)
-    """
-
-    problem: Problem
-    simulate: Simulate
-    nuisances: tuple[Nuisance, ...] = ()
-    hypotheses: tuple[Hypothesis, ...] = ()  #: Alternatives to ``nominal``.
-    parts: Mapping[str, Part] = field(default_factory=dict)  #: By name, for the findings.
-    nominal: Hypothesis = AS_COMMANDED  #: That holds unless something is odd.
-    prior: Prior | None = None  #: Instead of uniform sizes and the nuisances' own priors.
-    #: The hidden angles that are unknown, which alone ``simulate`` takes; None for all.
-    hidden: tuple[str, ...] | None = None
-    discrepancy: Discrepancy | None = None  #: How far ``simulate`` may be from the robot.
-    stride: int = MOST_STRIDE  #: Early stages of a search compare every n-th sample, at most.
-
-    def __post_init__(self) -> None:
-        instance("problem", self.problem, Problem)
-        if not callable(self.simulate):
-            raise ConfigurationError(f"simulate must be a function; got {brief(self.simulate)}")
-        all_of("nuisances", self.nuisances, Nuisance)
-        all_of("hypotheses", self.hypotheses, Hypothesis)
-        mapping("parts", self.parts, Part)
-        instance("nominal", self.nominal, Hypothesis)
-        for name, kind in {"prior": Prior, "discrepancy": Discrepancy}.items():
-            if getattr(self, name) is not None:
-                instance(name, getattr(self, name), kind)
-        whole("stride", self.stride, 1, 1000)
-        hidden_names = self.problem.hidden if self.hidden is None else self.hidden
-        object.__setattr__(self, "hidden", all_of("hidden", hidden_names, str))
-        models, hidden = self.problem.models.names, self.problem.hidden
-        nuisances = tuple(nuisance.name for nuisance in self.nuisances)
-        switches = [nuisance.name for nuisance in self.nuisances if nuisance.switch]
-        names = (*models, *nuisances, *hidden)
-        if len(set(names)) < len(names):
-            twice = min(name for name in names if names.count(name) > 1)
-            raise ConfigurationError(
-                "dimensions, nuisances and hidden angles must have names of their own; "
-                f"{twice!r} is given twice"
-            )
-        for name in self.hidden or ():
-            choice("hidden", name, hidden)
-        for hypothesis in (self.nominal, *self.hypotheses):
-            for field_name, given, known in (
-                ("fixed", hypothesis.fixed, (*models, *nuisances)),
-                ("freed", hypothesis.freed, switches),
-                ("changed", hypothesis.changed, (*models, *nuisances)),
-                ("shared_angles", hypothesis.shared_angles, hidden),
-                ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
-            ):
-                for name in given:
-                    choice(f"{field_name} of {hypothesis.name!r}", name, known)
-        for part, of in self.parts.items():
-            for dimension in (*of.sizes, *of.area):
-                choice(f"a dimension of {part!r}", dimension, models)
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """The groups of nuisances that can be inferred or not."""
-        return groups_of(self.nuisances)
 
 
 def groups_of(nuisances: Iterable[Nuisance]) -> tuple[str, ...]:

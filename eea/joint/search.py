@@ -53,7 +53,7 @@ class Optima:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
         parameters, floor = regression.parameters, LEAST_RELATIVE_RMS * regression.rms
-        discrepancy = parameters.joint.discrepancy
+        discrepancy = parameters.robot.discrepancy
         slow_p = None
         if discrepancy is not None:
             slow_p = slow_errors(regression, self.fits.theta[0], discrepancy.duration)

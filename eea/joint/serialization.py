@@ -8,6 +8,7 @@ end.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -17,16 +18,16 @@ from numpy.typing import NDArray
 
 from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
-from eea.core.genome import BitLayout, Variable
-from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import Hypothesis, Normal, Nuisance, Part
+from eea.joint.robot import Robot
 
-POSTERIOR_SCHEMA = "eea.posterior/4"
+POSTERIOR_SCHEMA = "eea.posterior/5"
+EARLIER_SCHEMA = "eea.posterior/4"  # of fish, with genomes of bodies and commands
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
 MOST_SLOTS = 10**7  # numbers that all trials are simulated with
 
@@ -34,20 +35,20 @@ MOST_SLOTS = 10**7  # numbers that all trials are simulated with
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`."""
     parameters = posterior.branches[0].parameters
-    joint, problem = parameters.joint, parameters.joint.problem
+    robot = posterior.robot
     parts = [part for branch in posterior.branches for part in (branch.posterior, branch.doubted)]
     modes = [mode for part in parts for mode in part.modes]
     header = {
         "schema": POSTERIOR_SCHEMA,
-        "models": [asdict(variable) for variable in problem.models.variables],
-        "actions": [asdict(variable) for variable in problem.actions.variables],
-        "hidden": problem.hidden,
-        "axes": problem.axes,
-        "nuisances": [asdict(nuisance) for nuisance in joint.nuisances],
-        "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
-        "nominal": asdict(joint.nominal),
-        "unknown": joint.hidden,
-        "parts": {name: asdict(part) for name, part in joint.parts.items()},
+        "parameters": robot.parameters,
+        "channels": robot.channels,
+        "whole": robot.whole,
+        "nuisances": [asdict(nuisance) for nuisance in robot.nuisance_list],
+        "each_trial": robot.each_trial,
+        "hidden": robot.hidden,
+        "hypotheses": [asdict(hypothesis) for hypothesis in robot.alternatives],
+        "nominal": asdict(robot.nominal),
+        "parts": {name: asdict(part) for name, part in robot.parts.items()},
         "sigma": posterior.sigma,
         "samples": posterior.samples,
         "goodness": asdict(posterior.goodness),
@@ -89,7 +90,9 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
     try:
         header = json.loads(arrays["header"].tobytes())
         schema = header["schema"]
-        if schema == POSTERIOR_SCHEMA:
+        if schema == EARLIER_SCHEMA:
+            header = _from_earlier(header)
+        if schema in (POSTERIOR_SCHEMA, EARLIER_SCHEMA):
             return _read(header, arrays)
     except ConfigurationError:
         raise
@@ -102,25 +105,23 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
 
 
 def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
-    joint = JointProblem(
-        Problem(
-            BitLayout([Variable(**variable) for variable in header["models"]]),
-            BitLayout([Variable(**variable) for variable in header["actions"]]),
-            tuple(header["hidden"]),
-            header["axes"],
-        ),
+    robot = Robot(
+        {name: tuple(ends) for name, ends in header["parameters"].items()},
         _no_simulator,
+        header["channels"],
+        header["whole"],
         tuple(Nuisance(**nuisance) for nuisance in header["nuisances"]),
-        tuple(Hypothesis(**hypothesis) for hypothesis in header["hypotheses"]),
-        {name: Part(**part) for name, part in header["parts"].items()},
-        Hypothesis(**header["nominal"]),
-        hidden=tuple(header["unknown"]),
+        header["each_trial"],
+        header["hidden"],
+        tuple(map(_hypothesis, header["hypotheses"])),
+        parts={name: Part(**part) for name, part in header["parts"].items()},
+        nominal=_hypothesis(header["nominal"]),
     )
     trials = header["trials"]
     whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
-    slots = len(joint.problem.models) + len(joint.nuisances) + len(header["unknown"])
+    slots = len(robot.names)
     whole("its numbers in all trials", trials * slots, 1, MOST_SLOTS)
-    whole("its samples", header["samples"], 0, trials * MAXIMUM_TRIAL_STEPS * joint.problem.axes)
+    whole("its samples", header["samples"], 0, trials * MAXIMUM_TRIAL_STEPS * len(robot.channels))
     for name in ARRAYS[1:]:
         finite(f"its {name}", arrays[name], (None,))
     for row in header["branches"]:
@@ -129,13 +130,13 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     cost = arrays["cost"].tolist()
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
-    hypotheses = {h.name: h for h in (joint.nominal, *joint.hypotheses)}
+    hypotheses = {h.name: h for h in (robot.nominal, *robot.alternatives)}
     branches, first = [], 0
     for row in header["branches"]:
         hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]
-        per_trial = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
-        inferred = per_trial | {n.group for n in joint.nuisances if n.name in names}
-        parameters = Parameters.of(joint, trials, inferred, hypothesis, per_trial)
+        per_trial = {n.group for n in robot.nuisance_list if f"{n.name}@1" in names}
+        inferred = per_trial | {n.group for n in robot.nuisance_list if n.name in names}
+        parameters = Parameters.of(robot, trials, inferred, hypothesis, per_trial)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
         own, parts = slice(len(names)), []
@@ -162,6 +163,30 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     if first != len(cost):
         raise ConfigurationError(f"its modes must be {first}; there are {len(cost)}")
     return belief
+
+
+def _hypothesis(stated: Mapping[str, Any]) -> Hypothesis:
+    moves = {name: Normal(**change) for name, change in stated["moves"].items()}
+    return Hypothesis(**{**stated, "moves": moves})
+
+
+def _from_earlier(header: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a header of the earlier schema as one of this."""
+
+    def hypothesis(stated: Mapping[str, Any]) -> dict[str, Any]:
+        moved = dict.fromkeys(stated["changed"], asdict(Normal(0.0, math.inf)))
+        return {**{k: v for k, v in stated.items() if k != "changed"}, "moves": moved}
+
+    return {
+        **header,
+        "parameters": {one["name"]: (one["low"], one["high"]) for one in header["models"]},
+        "channels": {f"gyro {axis + 1}": "rad/s" for axis in range(header["axes"])},
+        "whole": {},
+        "each_trial": (),
+        "hidden": header["unknown"],
+        "hypotheses": list(map(hypothesis, header["hypotheses"])),
+        "nominal": hypothesis(header["nominal"]),
+    }
 
 
 def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:

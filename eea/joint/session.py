@@ -8,17 +8,18 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
-from eea.core.checks import instance
+from eea.core.checks import ConfigurationError, brief, instance
 from eea.core.config import JointConfig
 from eea.core.experiment import Context, RecordedLog, Target
 from eea.core.fitness import model_fitness
+from eea.core.problem import Problem
 from eea.core.result import RoundFit
 from eea.core.session import Session, Streams, Trial, streams
 from eea.joint.commands import fast_command
 from eea.joint.inference import check_nuisances, fit
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed
-from eea.joint.problem import JointProblem
+from eea.joint.robot import Robot
 
 SESSION_MASS = 0.9  # probability of the intervals in the records and in the stopping rule
 
@@ -35,15 +36,18 @@ class JointInference(Session[JointState]):
 
     Parameters
     ----------
-    joint
-        The robot's problem, with its nuisances and simulator.
+    robot
+        The model of the target, with its nuisances and simulator.
+    problem
+        The commands that the target takes, and the parameters of ``robot`` as the core knows them.
     target, config, seed, truth
         See :class:`eea.core.session.Session`.
 
     Raises
     ------
     ConfigurationError
-        If ``config`` names nuisances that ``joint`` lacks, or ``truth`` is not of shape (n,).
+        If ``config`` names nuisances that ``robot`` lacks, ``problem`` has other parameters, hidden
+        angles or channels than it, or ``truth`` is not of shape (n,).
 
     Examples
     --------
@@ -52,18 +56,20 @@ class JointInference(Session[JointState]):
 
     >>> from eea.core.genome import action_layout, model_layout
     >>> from eea.core.problem import Problem
-    >>> def wheel(bodies, nuisances, commands, angles, fine):
-    ...     turned = 0.1 * commands * np.arange(64) + angles
-    ...     return (bodies * np.sin(turned))[:, :, None]
-    >>> class Robot:
+    >>> def spin(values, command):
+    ...     turned = 0.1 * command * np.arange(64) + values["angle"][:, None]
+    ...     return (values["radius"][:, None] * np.sin(turned))[:, :, None]
+    >>> class Target:
     ...     def perform(self, command):
-    ...         gyro = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
+    ...         values = {"radius": np.array([0.6]), "angle": np.array([0.5])}
+    ...         gyro = spin(values, command)
     ...         return RecordedLog(gyro=gyro + np.random.default_rng(0).normal(0, 0.01, gyro.shape))
+    >>> wheel = Robot({"radius": (0.0, 1.0)}, spin, {"gyro": "rad/s"}, hidden=("angle",))
     >>> problem = Problem(
     ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
     ... )
     >>> config = JointConfig(steps=64, rounds=1)
-    >>> result = JointInference(Robot(), JointProblem(problem, wheel), config).run()
+    >>> result = JointInference(Target(), wheel, problem, config).run()
     >>> low, high = result.interval(0.9)
     >>> bool(low[0] < 0.6 < high[0]), bool(high[0] - low[0] < 0.01)
     (True, True)
@@ -74,16 +80,23 @@ class JointInference(Session[JointState]):
     def __init__(
         self,
         target: Target,
-        joint: JointProblem,
+        robot: Robot,
+        problem: Problem,
         config: JointConfig,
         seed: int = 0,
         truth: Floats | None = None,
     ) -> None:
         instance("config", config, JointConfig)
-        instance("joint", joint, JointProblem)
-        check_nuisances(joint, config)
-        self._joint = joint
-        problem = joint.problem
+        instance("robot", robot, Robot)
+        instance("problem", problem, Problem)
+        check_nuisances(robot, config)
+        stated = (problem.models.names, problem.hidden, problem.axes)
+        if stated != (tuple(robot.parameters), robot.hidden, len(robot.channels)):
+            raise ConfigurationError(
+                f"problem must have the parameters {brief(tuple(robot.parameters))}, the hidden "
+                f"angles {brief(robot.hidden)} and {len(robot.channels)} axes; got {brief(stated)}"
+            )
+        self._robot = robot
         no_trials = Observed(
             np.empty((0, len(problem.actions))), np.empty((0, config.steps, problem.axes))
         )
@@ -92,16 +105,16 @@ class JointInference(Session[JointState]):
 
     def _choose(self, state: JointState, rngs: Streams) -> tuple[Floats, float | None]:
         """Return a fast command, one of those performed least often, and no ACT_FIT."""
-        performed = state.observed.commands
+        performed = state.observed.inputs
         return fast_command(self._problem.actions, performed, rngs["exploration"]), None
 
     def _fit(self, state: JointState, trial: Trial, rngs: Streams) -> tuple[JointState, RoundFit]:
         """Return the state and the record after a fit of all trials, this one included."""
         observed = Observed(
-            np.concatenate([state.observed.commands, trial.command[None]]),
+            np.concatenate([state.observed.inputs, trial.command[None]]),
             np.concatenate([state.observed.signal, trial.gyro[None]]),
         )
-        posterior = fit(observed, self._joint, self.config, rngs["estimation"], state.posterior)
+        posterior = fit(observed, self._robot, self.config, rngs["estimation"], state.posterior)
         return JointState(observed, posterior), round_fit(posterior)
 
     def _posterior(self, state: JointState) -> JointPosterior | None:
@@ -114,7 +127,7 @@ class JointInference(Session[JointState]):
         if widest is None or posterior is None or not posterior.good:
             return False
         low, high = posterior.interval(SESSION_MASS)
-        return bool(((high - low) <= widest * self._problem.models.span).all())
+        return bool(((high - low) <= widest * self._robot.span).all())
 
 
 def round_fit(posterior: JointPosterior) -> RoundFit:

@@ -20,7 +20,7 @@ from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.joint import HYPOTHESES
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.problem import AS_COMMANDED
+from eea.fish.joint import AS_COMMANDED
 from eea.study.presets import smoke
 from experiments.reality_gap.worlds import WORLDS, gap_of, seized_of
 from gait import Controller

@@ -10,12 +10,11 @@ import numpy as np
 
 from eea import FitConfig, JointConfig, JointInference
 from eea.core.session import streams
-from eea.fish.joint import fish_joint
-from eea.fish.simulator import EngineSimulator
+from eea.fish.joint import AS_COMMANDED, fish_robot
+from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.least_squares import FINE, Misfit, descend
 from eea.joint.parameters import Parameters
-from eea.joint.problem import AS_COMMANDED
 from instruments.inference.calibration import ranks
 from instruments.inference.robots import Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import EVERY, Setting
@@ -69,11 +68,11 @@ def examine(
     world, seed = draw_world(setting, rng), int(rng.integers(2**32))
     robot = Robot(setting, body, world, rng, streams(seed)["exploration"])
     config = JointConfig(**vars(effort or FitConfig()), steps=setting.steps, rounds=setting.trials)
-    joint = fish_joint(EngineSimulator(setting.steps, threads=1))
+    model = fish_robot(EngineSimulator(setting.steps, threads=1))
     if setting.world == "reactive":
-        imagined = tuple(h for h in joint.hypotheses if "reactive water" not in h.fixed)
-        joint = replace(joint, hypotheses=imagined)
-    method = JointInference(robot, joint, config, seed, body)
+        imagined = tuple(h for h in model.alternatives if "reactive water" not in h.fixed)
+        model = replace(model, hypotheses=imagined)
+    method = JointInference(robot, model, fish_problem(), config, seed, body)
     rounds = []
     began = time.process_time()
     for record in method:
@@ -125,11 +124,10 @@ def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator
 
 def truth_of(parameters: Parameters, robot: Robot) -> Floats:
     """Return the truth as a vector (P,) of the unknowns."""
-    joint = parameters.joint
-    names = [*joint.problem.models.names, *(n.name for n in joint.nuisances)]
-    values = dict(zip(names, [*robot.body, *robot.world], strict=True))
+    model = parameters.robot
+    values = dict(zip(model.parameters, robot.body, strict=True)) | robot.world
     for trial, angles in enumerate(robot.angles, 1):
-        values |= {f"{n}@{trial}": a for n, a in zip(joint.problem.hidden, angles, strict=True)}
+        values |= {f"{n}@{trial}": a for n, a in zip(model.hidden, angles, strict=True)}
     low, high = parameters.natural(np.array([[0.0], [1.0]]))
     truth = np.array([values[name] for name in parameters.names])
     inside: Floats = (truth - low) / (high - low)

@@ -31,7 +31,7 @@ from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import integer
 from eea import FitConfig
 from eea.core.session import streams
-from eea.fish.joint import DISCREPANCY_SCHEMA, fish_joint
+from eea.fish.joint import DISCREPANCY_SCHEMA, fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
 from eea.joint.discrepancy import scaled
@@ -103,7 +103,7 @@ def miss(
     None if its fit is not good.
     """
     seed, number, setting = job
-    joint = fish_joint(EngineSimulator(setting.steps, threads=1))
+    joint = fish_robot(EngineSimulator(setting.steps, threads=1))
     assert joint.discrepancy is not None
     discrepancy = replace(
         joint.discrepancy, share=share, duration=seconds / TIMESTEP, calibration=None

@@ -12,16 +12,10 @@ from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.utils.array_types import Triple
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
-from eea.fish.joint import (
-    BIAS_PLACES,
-    CURRENT_PLACES,
-    DRAG_PLACES,
-    GAIN_PLACES,
-    LAG_PLACE,
-    NUISANCES,
-)
+from eea.fish.joint import CURRENT, DRAG, GYRO_BIAS, LAG, NUISANCES, SERVO_GAIN
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.joint.observed import Observed
@@ -44,7 +38,6 @@ SCALE, TURN, COLOUR = 1.03, np.radians(3.0), 0.9
 SETTLE = 100  # samples after which coloured noise has forgotten its beginning
 
 SPANS = np.array([d.maximum for d in DIMENSIONS])
-NOMINAL = np.array([n.nominal for n in NUISANCES])
 
 
 def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats:
@@ -58,20 +51,25 @@ def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats
     return sizes
 
 
-def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
-    """Return the nuisances of a setting's robot, as ``eea.fish.joint`` orders them."""
-    values = NOMINAL.copy()
+def draw_world(setting: Setting, rng: np.random.Generator) -> dict[str, float]:
+    """Return the nuisances of a setting's robot, by the names of ``eea.fish.joint``."""
+    values = {n.name: n.nominal for n in NUISANCES}
     if setting.world == "other numbers":
         way = rng.normal(size=3)
-        values[CURRENT_PLACES] = 0.15 * way / np.linalg.norm(way)
-        values[DRAG_PLACES] = 1.0 + 0.2 * rng.choice([-1.0, 1.0], 2)
-        values[GAIN_PLACES] = 0.95
+        values |= dict(zip(CURRENT, 0.15 * way / np.linalg.norm(way), strict=True))
+        values |= dict(zip(DRAG, 1.0 + 0.2 * rng.choice([-1.0, 1.0], 2), strict=True))
+        values[SERVO_GAIN] = 0.95
     elif setting.world == "prior":
-        for i, n in enumerate(NUISANCES):
+        for n in NUISANCES:
             if not n.switch:
                 ends = (n.low - n.nominal) / n.sd, (n.high - n.nominal) / n.sd
-                values[i] = truncnorm.rvs(*ends, n.nominal, n.sd, random_state=rng)
+                values[n.name] = truncnorm.rvs(*ends, n.nominal, n.sd, random_state=rng)
     return values
+
+
+def _vector(world: dict[str, float], names: tuple[str, ...]) -> Triple:
+    x, y, z = (world[name] for name in names)
+    return (x, y, z)
 
 
 class Robot(EngineTarget):
@@ -84,17 +82,17 @@ class Robot(EngineTarget):
         self,
         setting: Setting,
         body: Floats,
-        world: Floats,
+        world: dict[str, float],
         rng: np.random.Generator,
         commanding: np.random.Generator,
     ) -> None:
         gap = RealityGap(
-            current=tuple(world[CURRENT_PLACES]),
-            drag=tuple(world[DRAG_PLACES]),
-            servo_gain=(world[GAIN_PLACES].item(),) * 3,
-            lag=world[LAG_PLACE].item(),
+            current=_vector(world, CURRENT),
+            drag=(world[DRAG[0]], world[DRAG[1]]),
+            servo_gain=(world[SERVO_GAIN],) * 3,
+            lag=world[LAG],
             reactive=setting.world == "reactive",
-            gyro_bias=tuple(world[BIAS_PLACES]),
+            gyro_bias=_vector(world, GYRO_BIAS),
             gyro_noise=0.0 if setting.world == "coloured" else setting.noise,
             substeps=4 if setting.world == "quarter" else 1,
         )

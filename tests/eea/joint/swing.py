@@ -10,7 +10,8 @@ from eea.core.config import JointConfig
 from eea.core.experiment import RecordedLog
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import Hypothesis, Nuisance, Part
+from eea.joint.robot import Robot
 from eea.joint.session import JointInference
 
 STEPS = 64
@@ -21,26 +22,33 @@ CONFIG = JointConfig(
 )
 
 
-def simulate(bodies, nuisances, commands, angles, fine=True):  # noqa: ARG001
+def simulate(values, commands):
     """Return an axis that swings as the motor does, and one that it drags along."""
     time = 0.01 * np.arange(1, STEPS + 1)
-    phase = 2 * np.pi * (1.0 + commands[:, :1] * nuisances[:, 1:]) * time + angles
-    length, friction = bodies[:, :1], bodies[:, 1:]
+    length, friction, bias, motor, angle = (
+        values[name][:, None] for name in ("arm.length", "arm.friction", "bias", "motor", "angle")
+    )
+    phase = 2 * np.pi * (1.0 + commands[:, :1] * motor) * time + angle
     rate = np.stack([length * np.sin(phase), friction * np.cos(2 * phase)], axis=-1)
-    return rate + nuisances[:, None, :1]
+    return rate + bias[:, :, None]
 
 
-SWING = JointProblem(
-    Problem(
-        model_layout([("arm.length", 2.0, 6), ("arm.friction", 1.0, 5)]),
-        action_layout([("speed", -1.0, 1.0)]),
-        ("angle",),
-        axes=2,
-    ),
+PROBLEM = Problem(
+    model_layout([("arm.length", 2.0, 6), ("arm.friction", 1.0, 5)]),
+    action_layout([("speed", -1.0, 1.0)]),
+    ("angle",),
+    axes=2,
+)
+SWING = Robot(
+    {"arm.length": (0.0, 2.0), "arm.friction": (0.0, 1.0)},
     simulate,
-    (Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05), Nuisance("motor", 0.0, 1.0, 1.0, switch=True)),
-    (Hypothesis("the motor is dead", {"motor": 0.0}),),
-    {"arm": Part({"arm.length": "length", "arm.friction": "friction"}, hint="go faster")},
+    {"arm": "rad/s", "dragged": "rad/s"},
+    nuisances=(
+        Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05), Nuisance("motor", 0.0, 1.0, 1.0, switch=True)
+    ),
+    hidden=("angle",),
+    hypotheses=(Hypothesis("the motor is dead", {"motor": 0.0}),),
+    parts={"arm": Part({"arm.length": "length", "arm.friction": "friction"}, hint="go faster")},
 )
 
 
@@ -48,15 +56,19 @@ class Swinging:
     """The robot itself: it tells nothing but its log."""
 
     def __init__(self, seed=0, motor=1.0, sigma=SIGMA):
-        self._rng, self._nuisances, self._sigma = np.random.default_rng(seed), (BIAS, motor), sigma
+        self._rng = np.random.default_rng(seed)
+        self._sigma = sigma
+        names = ("arm.length", "arm.friction", "bias", "motor")
+        numbers = (*TRUTH, BIAS, motor)
+        self._values = {name: np.array([v]) for name, v in zip(names, numbers, strict=True)}
 
     def perform(self, command):
-        angle = self._rng.uniform(-np.pi, np.pi, (1, 1))
-        felt = simulate(TRUTH[None], np.array([self._nuisances]), command[None], angle)[0]
+        angle = self._rng.uniform(-np.pi, np.pi, 1)
+        felt = simulate({**self._values, "angle": angle}, command[None])[0]
         return RecordedLog(gyro=felt + self._sigma * self._rng.normal(size=felt.shape))
 
 
 def infer(seed=0, motor=1.0, **settings):
     """Return the result of a small run; ``settings`` are of ``JointConfig``."""
     config = replace(CONFIG, **settings)
-    return JointInference(Swinging(seed, motor), SWING, config, seed, TRUTH).run()
+    return JointInference(Swinging(seed, motor), SWING, PROBLEM, config, seed, TRUTH).run()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eea import FitConfig, RecordedLog, SwimLog, infer_log
-from eea.fish.joint import fish_joint
+from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.commands import fast_command
 from eea.joint.inference import mixture
@@ -36,7 +36,7 @@ def examined(setting, numbers, effort=QUICK):
 @pytest.fixture(scope="module")
 def posteriors():
     """Return posteriors and truths. The search begins at the truth: others are of finding it."""
-    joint = fish_joint(EngineSimulator(PRIOR.steps, threads=1))
+    joint = fish_robot(EngineSimulator(PRIOR.steps, threads=1))
     parameters = Parameters.of(joint, 1, joint.groups)
     found = []
     for number in range(PRIOR.robots):

@@ -26,7 +26,7 @@ from eea import (
 from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.joint import fish_joint
+from eea.fish.joint import fish_robot
 from eea.fish.prior import UNCHANGED_NAME, since
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import Start, log_windows
@@ -88,7 +88,7 @@ def test_windows_of_five_rows_a_second() -> None:
 def test_a_known_start_leaves_nothing_to_explain() -> None:
     log, start, robot = swim("left_pectoral:reversed; caudal:seized", noise=0.0)
     windows = log_windows(log, start=start)
-    joint = fish_joint(EngineSimulator(windows.steps, threads=1), windows)
+    joint = fish_robot(EngineSimulator(windows.steps, threads=1), windows)
     one = Parameters.of(joint, 1, ())
     bodies, nuisances, angles = one.inputs(one.local(one.prior_mean[None])[:, 0])
     assert angles.shape == (1, 0)
@@ -172,7 +172,7 @@ def test_a_posterior_is_a_prior_with_its_noise(shorter: JointPosterior) -> None:
 def test_a_prior_says_nothing_of_what_changed(shorter: JointPosterior) -> None:
     log, start, _ = swim("none")
     windows = log_windows(log, start=start)
-    joint = fish_joint(EngineSimulator(windows.steps, threads=1), windows)
+    joint = fish_robot(EngineSimulator(windows.steps, threads=1), windows)
     problem = since(joint, shorter)
     one = next(h for h in problem.hypotheses if h.name == "the tail has other sizes")
     parameters = Parameters.of(problem, 1, (), one)

@@ -14,7 +14,7 @@ from eea import (
     RealityGap,
 )
 from eea.core.session import streams
-from eea.fish.joint import fish_joint
+from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.serialization import from_arrays, to_arrays
@@ -31,7 +31,7 @@ def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -
     config = replace(SMALL, rounds=rounds, **more)
     gap = RealityGap(gyro_noise=0.01)
     target = EngineTarget(None, damage, streams(1)["target"], STEPS, "numba", gap=gap)
-    joint = fish_joint(EngineSimulator(STEPS, threads=1))
+    joint = fish_robot(EngineSimulator(STEPS, threads=1))
     some = tuple(h for h in joint.hypotheses if f"servo of the {part}" in h.name)
     result = JointInference(target, replace(joint, hypotheses=some), config, 1).run()
     assert isinstance(result.belief, JointPosterior)
@@ -78,7 +78,7 @@ def test_a_reversed_tail_is_no_fault_that_shows() -> None:
     command = np.array([0.3, 0.2, 0.9])
     log, begun = target.perform(command), target.start_angles
     same = EngineSimulator(STEPS, dtype="float64", threads=1)
-    there = fish_joint(same).simulate(
+    there = fish_robot(same).simulate(
         target.morphology.to_array()[None],
         np.array([[0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0.0]]),
         command[None],
