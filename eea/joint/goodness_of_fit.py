@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc, log_ndtr
+from scipy.special import chdtrc, log_ndtr, stdtr
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, finite
 
 LAGS = 10  # samples
+LEAST_LOG_SPREAD = 0.05  # of known-good logs' misfits, which are never quite alike
 FALSE_ALARM_RATE = 1e-3  # rate of false alarms
 LEAST_RELATIVE_RMS = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
-#: rad/s. A gyroscope that costs a dollar has a hundredth of it; louder noise has to be given.
-LOUDEST_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -29,20 +29,20 @@ class Goodness:
     >>> noise = np.random.default_rng(0).normal(0, 0.01, (1, 256, 3))
     >>> goodness_of_fit(noise, parameters=12, sigma=0.01).good
     True
-    >>> print(goodness_of_fit(noise + swing, parameters=12, sigma=None).verdict)
+    >>> print(goodness_of_fit(noise + swing, parameters=12, unit="rad/s").verdict)
     no body explains the log: the best fit leaves 0.0177 rad/s, which is not noise: neighbouring
     samples correlate by 0.68 (p < 1e-6)
     """
 
-    rms: float  #: Of the residuals, rad/s.
+    rms: float  #: Of the residuals, in the signal's unit.
     #: The p-values of: size, from noise of the known sd (None if it is unknown), correlation in
     #: time from white noise, and the largest residual from normal noise.
     size_p: float | None
     whiteness_p: float
     peak_p: float
     p: float  #: Of all together (Bonferroni).
-    #: Whether ``p`` is at least the rate of false alarms, and the residuals are no louder than a
-    #: gyroscope's noise of unknown size may be.
+    #: Whether ``p`` is at least the rate of false alarms, and the residuals are no louder than
+    #: noise of unknown size may be.
     good: bool
     verdict: str  #: In a sentence.
     slow_p: float | None = None  #: The p-value of slow errors, which a simulator's are.
@@ -55,8 +55,11 @@ def goodness_of_fit(
     sigma: float | None = None,
     floor: float = 0.0,
     slow_p: float | None = None,
+    unit: str = "times the noise",
+    loudest: float = math.inf,
+    missing: int = 0,
 ) -> Goodness:
-    """Test the residuals (T, axes) of each trial, rad/s, for being white noise.
+    """Test the residuals (T, axes) of each trial for being white noise.
 
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
     samples minus parameters. Whiteness: a portmanteau test (Ljung and Box 1978) of the
@@ -65,29 +68,43 @@ def goodness_of_fit(
     which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
     false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
     with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. Of 6000 white residuals 0.10%
-    raised an alarm at a rate of 0.1%. White residuals above 0.3 rad/s are no gyroscope's noise
-    unless ``sigma`` says so.
+    raised an alarm at a rate of 0.1%. Trials of at most 10 samples are not tested for whiteness.
 
-    ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s,
-    and residuals of an rms up to ``floor``, rad/s, are rounding.
+    Parameters
+    ----------
+    residuals
+        Of each trial, (T, axes), 0 where a sample is missing.
+    parameters
+        Their number.
+    sigma
+        Standard deviation of the noise, if known.
+    floor
+        Residuals of an rms up to this are rounding.
+    slow_p
+        The p-value of slow errors.
+    unit
+        The residuals' unit.
+    loudest
+        White residuals above it are no noise unless ``sigma`` says so.
+    missing
+        How many samples are missing.
 
     Raises
     ------
     ConfigurationError
-        If residuals are not finite, not longer than the lags, or fewer than the parameters.
+        If residuals are not finite, or fewer than the parameters.
     """
     trials = [finite("residuals", trial, (None, None)) for trial in residuals]
-    count = sum(trial.size for trial in trials)
+    count = sum(trial.size for trial in trials) - missing
     shortest = min(map(len, trials), default=0)
-    if count <= parameters or shortest <= LAGS:
+    if count <= parameters:
         raise ConfigurationError(
-            f"residuals must outnumber parameters, {parameters}, and each trial's lags, {LAGS}; "
-            f"got {count} in trials of at least {shortest} samples"
+            f"residuals must outnumber parameters, {parameters}; got {count}"
         )
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
     if rms <= floor:
-        words = f"the best fit explains the log up to rounding ({rms:.1g} rad/s)"
+        words = f"the best fit explains the log up to rounding ({rms:.1g} {unit})"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
     shares, spread = autocorrelation(trials, LAGS, floor)
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
@@ -97,20 +114,22 @@ def goodness_of_fit(
     if sigma is not None:
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
         tests[f"{rms / sigma:.3g} times the noise"] = size_p
-    whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
-    tests[f"not noise: neighbouring samples correlate by {shares[0]:.2f}"] = whiteness_p
+    whiteness_p = 1.0
+    if shortest > LAGS:
+        whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
+        tests[f"not noise: neighbouring samples correlate by {shares[0]:.2f}"] = whiteness_p
     peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
-    tests[f"not noise: a sample is off by {off:.2g} rad/s"] = peak_p
+    tests[f"not noise: a sample is off by {off:.2g} {unit}"] = peak_p
     if slow_p is not None:
         tests["not noise: it changes slowly"] = slow_p
     worst = min(tests, key=lambda name: tests[name])
     p = min(1.0, len(tests) * tests[worst])
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
-    words = f"the best fit leaves {rms:.3g} rad/s"
-    loud = sigma is None and rms > LOUDEST_NOISE
+    words = f"the best fit leaves {rms:.3g} {unit}"
+    loud = sigma is None and rms > loudest
     if p >= FALSE_ALARM_RATE and loud:
         words = (
-            f"no body explains the log: {words}, more than a gyroscope's noise (if it is noise, "
+            f"no body explains the log: {words}, more than a sensor's noise (if it is noise, "
             "its standard deviation must be given)"
         )
     elif p >= FALSE_ALARM_RATE:
@@ -119,6 +138,37 @@ def goodness_of_fit(
         words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
     good = p >= FALSE_ALARM_RATE and not loud
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
+
+
+def against_known_good(misfit: float, usual: Floats) -> Goodness:
+    """Return the goodness of a fit, judged by those of logs that are known to be good.
+
+    ``misfit`` is the mean square of the residuals over the noise's, and ``usual`` (n,) are those of
+    the known-good logs. Their logarithms are taken as normal, of unknown mean and spread.
+    """
+    share = float(student_p(misfit, usual))
+    rms = misfit**0.5
+    most = float(np.sqrt(np.max(usual)))
+    good = share >= FALSE_ALARM_RATE
+    words = (
+        f"the best fit leaves {rms:.3g} times the noise; of the {len(usual)} known-good logs it "
+        f"leaves up to {most:.3g} times (p = {share:.2g})"
+    )
+    if not good:
+        words = f"no body explains the log: {words}"
+    return Goodness(rms, share, 1.0, 1.0, share, good, words)
+
+
+def student_p(value: float, known: Floats) -> float:
+    """Return the chance of a positive number of at least ``value``, given n ``known`` ones (n,).
+
+    Their logarithms are taken as normal: Student's t with n - 1 degrees of freedom.
+    """
+    logs = np.log(np.maximum(known, 1e-300))
+    count = len(logs)
+    spread = max(float(logs.std(ddof=1)), LEAST_LOG_SPREAD) * (1.0 + 1.0 / count) ** 0.5
+    away = (math.log(max(value, 1e-300)) - float(logs.mean())) / spread
+    return float(stdtr(count - 1, -away))
 
 
 def autocorrelation(

@@ -38,6 +38,7 @@ def fit(
     earlier: JointPosterior | None = None,
     progress: Callable[[str], None] | None = None,
     doubt: Callable[[Optima], bool] | None = None,
+    usual: Floats | None = None,
 ) -> JointPosterior:
     """Return the posterior over body, nuisances, hidden angles and hypotheses, given some trials.
 
@@ -65,6 +66,9 @@ def fit(
     doubt
         Called with the fit as commanded if that leaves more than noise; it returns whether the
         other hypotheses are worth fitting. None: they are.
+    usual
+        The misfits of known-good logs (n,), by which it is judged whether a hypothesis explains the
+        trials; None judges by whether it leaves white noise.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def fit(
 
     def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
         parameters = Parameters.of(robot, len(observed), groups, hypothesis, config.per_trial)
-        regression = Regression(parameters, observed, config.noise)
+        regression = Regression(parameters, observed, config.noise, usual)
         before = start.optima.get(hypothesis.name)
         if progress is not None:
             progress(hypothesis.name)
@@ -123,6 +127,7 @@ def fit(
     evidence += np.log([h.odds for h, _ in fitted])
     shares = np.exp(evidence - evidence.max())
     shares /= shares.sum()
+    least = 0.0 if robot.whole else LEAST_PROBABILITY  # what if it is broken after all?
     branches = tuple(
         HypothesisPosterior(
             fitted[i][0],
@@ -132,7 +137,7 @@ def fit(
             _doubted(mixtures[i], fitted[i][1], best),
         )
         for i in np.argsort(-shares, kind="stable")
-        if shares[i] > LEAST_PROBABILITY
+        if shares[i] > least
     )
 
     # Leave what the fit of more trials starts from.
@@ -147,6 +152,7 @@ def fit(
         best.sigma,
         0 if config.noise else observed.size,
         WarmStart(optima, frozenset(dropped), explained, counter.robots),
+        observed.noise,
     )
 
 
@@ -243,8 +249,7 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     Where its residuals are correlated, only the effective number of samples counts.
     """
     residuals = best.residuals
-    size = best.regression.observed.size
-    weight = effective_count(residuals) / size / best.sigma**2
+    weight = effective_count(residuals) / sum(one.size for one in residuals) / best.sigma**2
     parameters, theta = optima.regression.parameters, optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
     away = theta - parameters.prior_mean

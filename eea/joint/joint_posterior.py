@@ -14,6 +14,7 @@ from eea.core.checks import instance, whole
 from eea.core.result import handed_on
 from eea.joint.diagnostics import Fit, beyond_range, findings
 from eea.joint.goodness_of_fit import Goodness
+from eea.joint.observed import Noise
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, holding, intervals
 from eea.joint.problem import Hypothesis, Prior
@@ -75,6 +76,8 @@ class JointPosterior:
     samples: int  #: Number of samples that ``sigma`` was estimated from; 0 if it was given.
     #: For the next fit; None of a posterior that was read from a file.
     warm_start: WarmStart | None = field(default=None, repr=False)
+    #: Of each channel, of which ``sigma`` is a multiple; None where all have the same.
+    noise: Noise | None = None
 
     @property
     def robot(self) -> Robot:

@@ -94,10 +94,7 @@ class Misfit:
         sampled = observed.signal[:, :: precision.stride]
         # (E, M): one axis after the other, as simulators lay it out.
         self._wanted = sampled.swapaxes(1, 2).reshape(len(observed), -1)
-        self._weight = None  # (E, M)
-        if observed.weight is not None:
-            strided = observed.weight[:, :: precision.stride]
-            self._weight = np.tile(strided, (1, observed.signal.shape[2]))
+        self._whitening = observed.whitening(precision.stride)
         self._trials = np.arange(len(observed))
         #: Which entries (P,) a descent may change.
         self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
@@ -118,7 +115,7 @@ class Misfit:
     def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
         """Return simulated minus observed (S, E, C, M) for slots (S, E, C, W) of ``trials``.
 
-        Each difference is multiplied by its sample's weight.
+        Where samples differ in noise, the differences are those of independent ones of variance 1.
         """
         robots = local.reshape(-1, local.shape[-1])
         which = np.broadcast_to(trials[:, None], local.shape[:-1]).reshape(-1)
@@ -134,10 +131,7 @@ class Misfit:
         simulated = parts[0] if len(parts) == 1 else np.concatenate(parts)
         wanted = self._wanted[trials, None].astype(np.result_type(simulated, np.float32))
         apart: NDArray[np.floating] = simulated.reshape(*local.shape[:-1], -1) - wanted
-        if self._weight is not None:
-            with np.errstate(invalid="ignore"):  # a robot that diverged
-                apart *= self._weight[trials, None].astype(apart.dtype)
-        return apart
+        return apart if self._whitening is None else self._whitening(apart, trials)
 
     def residuals(self, theta: Floats) -> NDArray[np.floating]:
         """Return simulated minus observed (S, E, M) for vectors (S, P)."""
@@ -208,6 +202,7 @@ class Regression:
     parameters: Parameters
     observed: Observed
     noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
+    usual: Floats | None = None  #: The misfits of known-good logs, by which this one is judged.
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
         """Return the misfit at a precision."""
@@ -221,8 +216,10 @@ class Regression:
     @cached_property
     def rms(self) -> float:
         """The root mean square of the signal, in its unit."""
-        mean = (self.observed.weighted**2).sum() / self.observed.size
-        return max(float(np.sqrt(mean)), 1e-12)
+        signal = self.observed.weighted
+        if self.observed.noise is not None:
+            signal = signal / self.observed.noise.sd
+        return max(float(np.sqrt((signal**2).sum() / self.observed.size)), 1e-12)
 
     @property
     def least_sigma(self) -> float:

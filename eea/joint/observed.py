@@ -1,27 +1,60 @@
 """Observed trials, which may differ in length, rate and noise.
 
 Trials are rows of one array. One that is shorter than the longest is filled up, and what fills it
-has no weight.
+has no weight. Neither has a missing sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
+from eea.core.checks import ConfigurationError, instance
 from eea.joint.problem import Values
 from eea.joint.robot import Robot
 
-EVEN_TIME_SHARE = (
-    0.5  # of the mean distance of two samples: readings within it of even times count as even
-)
+# Of the mean distance of two samples: readings within it of even times count as even.
+EVEN_TIME_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A recorded trial.
+
+    Examples
+    --------
+    >>> Trial([[0.1], [0.2], [np.nan]], inputs=[1.0]).signal.shape  # the last sample is missing
+    (3, 1)
+    """
+
+    signal: ArrayLike  #: (T, channels), in the channels' units; NaN where a sample is missing.
+    #: What the simulator takes of the trial: a command, a series of them, or other numbers.
+    inputs: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        signal = np.array(self.signal, np.float64)
+        if signal.ndim != 2 or not np.isfinite(signal).any():
+            raise ConfigurationError(
+                "signal must have shape (samples, channels) and a finite sample; got shape "
+                f"{signal.shape}"
+            )
+        if np.isinf(signal).any():
+            raise ConfigurationError("signal must be finite, or NaN where missing; got infinity")
+        object.__setattr__(self, "signal", signal)
+
+
+class Noise(NamedTuple):
+    """The noise of each channel (C,): AR(1), which is white without correlation."""
+
+    sd: Floats  #: Standard deviation, in the channel's unit.
+    correlation: Floats  #: Of neighbouring samples.
 
 
 class SlowBasis(NamedTuple):
@@ -38,18 +71,77 @@ class SlowBasis(NamedTuple):
         return np.asarray(dct(own, axis=-1, norm="ortho"))
 
 
+class Whitening(NamedTuple):
+    """What turns the residuals of trials into independent ones of variance 1.
+
+    Residuals (..., E, C, T) become ``scale * (weight * r[t] - back * weight * r[t - 1])``.
+    """
+
+    weight: Floats  #: (E, C, T)
+    back: Floats | None  #: (E, C, T), None where no noise is coloured
+    scale: Floats | None  #: (E, C, T), with ``back``
+
+    def __call__(self, residuals: NDArray[Any], trials: NDArray[np.intp]) -> NDArray[Any]:
+        """Return whitened residuals (S, E', ..., C T) of some ``trials`` (E',), in their type."""
+        channels, samples = self.weight.shape[1:]
+        shape = residuals.shape
+        middle = [1] * (residuals.ndim - 3)  # between the trials' axis and the samples'
+
+        def of(table: Floats) -> NDArray[Any]:
+            chosen = table[trials].astype(residuals.dtype)
+            return chosen.reshape(len(trials), *middle, channels, samples)
+
+        with np.errstate(invalid="ignore"):  # a robot that diverged
+            white = residuals.reshape(*shape[:-1], channels, samples) * of(self.weight)
+            if self.back is not None and self.scale is not None:
+                before = white[..., :-1].copy()
+                white[..., 1:] -= of(self.back)[..., 1:] * before
+                white *= of(self.scale)
+        found: NDArray[Any] = white.reshape(shape)
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Observed:
     """E trials of the robot."""
 
-    inputs: NDArray[Any]  #: (E, ...), a row for each trial: what a simulator takes of it.
+    #: (E, ...), a row for each trial, of what a simulator takes of it; or a list of E arrays of
+    #: different shapes, or of None.
+    inputs: Any
     signal: Floats  #: (E, T, axes), in the channels' units.
-    #: (E, T), factors that give all samples the noise of one reading; 0 after a trial's end. None
-    #: for 1.
+    #: (E, T) or (E, T, axes), factors that give all samples the noise of one reading; 0 where there
+    #: is no sample. None for 1.
     weight: Floats | None = None
     #: (E, T) of the samples, in the unit of a discrepancy's duration; None for 1, 2, ...
     time: Floats | None = None
+    noise: Noise | None = None  #: Of each channel; None where all have the same, white noise.
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def of(cls, trials: Sequence[Trial], robot: Robot, noise: Noise | None = None) -> Observed:
+        """Return recorded trials, which may be of unequal length and have missing samples."""
+        channels = len(robot.channels)
+        if not len(trials):
+            raise ConfigurationError("trials must be one or more; got none")
+        for trial in trials:
+            instance("a trial", trial, Trial)
+        signals: list[Floats] = [np.asarray(trial.signal) for trial in trials]
+        for signal in signals:
+            if signal.shape[1] != channels:
+                raise ConfigurationError(
+                    f"signal must have the {channels} channels {', '.join(robot.channels)}; "
+                    f"got shape {signal.shape}"
+                )
+        joined = np.full((len(trials), max(map(len, signals)), channels), np.nan)
+        for row, signal in zip(joined, signals, strict=True):
+            row[: len(signal)] = signal
+        there = np.isfinite(joined)
+        inputs: Any = [None if t.inputs is None else np.asarray(t.inputs) for t in trials]
+        shapes = {None if one is None else one.shape for one in inputs}
+        if len(shapes) == 1 and shapes != {None}:
+            inputs = np.stack(inputs)
+        weight = None if there.all() else there.astype(np.float64)
+        return cls(inputs, np.where(there, joined, 0.0), weight, noise=noise)
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -57,35 +149,94 @@ class Observed:
     def simulate(
         self, robot: Robot, values: Values, trials: NDArray[np.intp], fine: bool
     ) -> NDArray[Any]:
-        """Return simulated signals (B, T, axes) of ``values`` (B,) by name, of ``trials`` (B,)."""
-        inputs = self.inputs[trials]
-        if robot.takes_precision:
-            return robot.simulate(values, inputs, fine)  # type: ignore[call-arg]
-        return robot.simulate(values, inputs)
+        """Return simulated signals (B, T, axes) of ``values`` (B,) by name, of ``trials`` (B,).
+
+        Trials whose inputs have the same shape are simulated together.
+        """
+        if isinstance(self.inputs, np.ndarray):
+            return self._checked(_simulated(robot, values, self.inputs[trials], fine), len(trials))
+        shapes = [None if one is None else one.shape for one in self.inputs]
+        signal = np.zeros((len(trials), *self.signal.shape[1:]))
+        for shape in dict.fromkeys(shapes):
+            rows = np.flatnonzero([shapes[trial] == shape for trial in trials])
+            if not len(rows):
+                continue
+            own = {name: value[rows] for name, value in values.items()}
+            inputs = None if shape is None else np.stack([self.inputs[e] for e in trials[rows]])
+            some = np.asarray(_simulated(robot, own, inputs, fine))
+            shorter = min(some.shape[1], signal.shape[1])
+            signal[rows, :shorter] = some[:, :shorter]
+        return signal
+
+    def _checked(self, signal: NDArray[Any], count: int) -> NDArray[Any]:
+        wanted = (count, *self.signal.shape[1:])
+        if signal.shape != wanted:
+            raise ConfigurationError(
+                f"simulate must return the shape (trials, samples, channels) = {wanted}; "
+                f"it returned {signal.shape}"
+            )
+        return signal
+
+    @cached_property
+    def _there(self) -> NDArray[np.bool_]:
+        """Which samples there are, (E, T) or (E, T, axes)."""
+        if self.weight is None:
+            return np.ones(self.signal.shape[:2], np.bool_)
+        return self.weight > 0.0
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
-        """The number of samples of each trial."""
-        if self.weight is None:
-            return (self.signal.shape[1],) * len(self.signal)
-        return tuple((self.weight > 0.0).sum(axis=1).tolist())
+        """The number of samples of each trial, up to the last that is not missing."""
+        any_channel = self._there if self._there.ndim == 2 else self._there.any(axis=2)
+        last = any_channel.shape[1] - any_channel[:, ::-1].argmax(axis=1)
+        return tuple(np.where(any_channel.any(axis=1), last, 0).tolist())
+
+    @property
+    def missing(self) -> int:
+        """The number of samples that are missing within trials, of all axes."""
+        return int(sum(self.counts) * self.signal.shape[2]) - self.size
 
     @property
     def size(self) -> int:
         """The number of samples of all trials and axes."""
-        return int(sum(self.counts) * self.signal.shape[2])
+        return self.sampled(range(len(self)), 1)
 
     def sampled(self, trials: Iterable[int], stride: int) -> int:
         """Return the number of samples of some trials and all axes if every n-th is taken."""
-        return int(sum(-(-self.counts[e] // stride) for e in trials) * self.signal.shape[2])
+        there = self._there[list(trials), ::stride]
+        return int(there.sum()) * (self.signal.shape[2] if there.ndim == 2 else 1)
+
+    def whitening(self, stride: int) -> Whitening | None:
+        """Return what whitens the residuals of every n-th sample; None where nothing does."""
+        if self.weight is None and self.noise is None:
+            return None
+        samples = self.signal[:, ::stride].swapaxes(1, 2).shape  # (E, axes, T')
+        weight = np.ones(samples)
+        if self.weight is not None:
+            strided = self.weight[:, ::stride]
+            weight *= strided[:, None] if strided.ndim == 2 else strided.swapaxes(1, 2)
+        if self.noise is None:
+            return Whitening(weight, None, None)
+        weight = weight / self.noise.sd[:, None]
+        if not self.noise.correlation.any():
+            return Whitening(weight, None, None)
+        back = np.zeros(samples)
+        follows = (weight[:, :, 1:] > 0.0) & (weight[:, :, :-1] > 0.0)
+        back[:, :, 1:] = np.where(follows, self.noise.correlation[:, None] ** stride, 0.0)
+        return Whitening(weight, back, (1.0 - back**2) ** -0.5)
 
     @cached_property
     def weighted(self) -> Floats:
         """The signal (E, T, axes) times the weights."""
-        return self.signal if self.weight is None else self.signal * self.weight[:, :, None]
+        if self.weight is None:
+            return self.signal
+        return self.signal * (self.weight if self.weight.ndim == 3 else self.weight[:, :, None])
 
     def simulated(self, residuals: Iterable[Floats]) -> list[Floats]:
-        """Return the signals (T, axes) of trials that leave some weighted residuals (T, axes)."""
+        """Return the signals (T, axes) of trials that leave some weighted residuals (T, axes).
+
+        The trials have no ``noise``, and no sample is missing within them.
+        """
         found = []
         for e, left in enumerate(residuals):
             own = slice(self.counts[e])
@@ -114,6 +265,12 @@ class Observed:
         covariance = np.exp(-np.abs(time[:, None] - time) / duration) * np.outer(weight, weight)
         variances, vectors = np.linalg.eigh(covariance)
         return SlowBasis(np.maximum(variances, 0.0), vectors)
+
+
+def _simulated(robot: Robot, values: Values, inputs: Any, fine: bool) -> NDArray[Any]:
+    if robot.takes_precision:
+        return robot.simulate(values, inputs, fine)  # type: ignore[call-arg]
+    return robot.simulate(values, inputs)
 
 
 def spectrum(samples: int, duration: float) -> Floats:

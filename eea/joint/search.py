@@ -15,7 +15,12 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import LEAST_RELATIVE_RMS, Goodness, goodness_of_fit
+from eea.joint.goodness_of_fit import (
+    LEAST_RELATIVE_RMS,
+    Goodness,
+    against_known_good,
+    goodness_of_fit,
+)
 from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
@@ -29,7 +34,7 @@ SAME_OPTIMUM_DISTANCE = 1e-3  # of a range, or rad: closer optima are one
 VALLEY_SIZE_DIFFERENCE = 0.05
 SCAN_TOLERANCE = 1e-3  # of sigma: two scans that agree within it have found the optimum
 RIVAL_SQUARES_RATIO = 1.5  # with more, relative to a rival hypothesis, a search is not completed
-EXACT_FIT_SIGMA = 1e-3  # rad/s: an exact fit leaves less in single precision
+EXACT_FIT_SIGMA = 1e-3  # an exact fit of a signal of about 1 leaves less in single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +62,20 @@ class Optima:
         slow_p = None
         if discrepancy is not None:
             slow_p = slow_errors(regression, self.fits.theta[0], discrepancy.duration)
+        observed = regression.observed
+        robot = parameters.robot
+        if regression.usual is not None:
+            squares = float(self.fits.squares[0])
+            return against_known_good(squares / observed.size, regression.usual)
         found = goodness_of_fit(
-            self.residuals, parameters.unknowns, regression.noise, floor, slow_p
+            self.residuals,
+            parameters.unknowns,
+            regression.noise,
+            floor,
+            slow_p,
+            "times the noise" if observed.noise is not None else robot.unit,
+            robot.loudest,
+            observed.missing,
         )
         return replace(found, unexplained=found.rms / regression.rms)
 

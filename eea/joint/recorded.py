@@ -1,0 +1,168 @@
+"""Joint inference from recorded trials, whose channels each have noise of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from eea.core.angles import Floats
+from eea.core.checks import ConfigurationError, choice, instance, real, whole
+from eea.core.config import FitConfig
+from eea.core.session import MAXIMUM_SEED
+from eea.joint.inference import fit
+from eea.joint.joint_posterior import JointPosterior
+from eea.joint.least_squares import FINE, LEAST_RELATIVE_SIGMA, Regression
+from eea.joint.observed import Noise, Observed, Trial
+from eea.joint.robot import Robot
+from eea.joint.search import Optima
+
+#: Hypotheses are always weighed: "nothing is broken" is a finding with a probability.
+RECORDED_CONFIG = FitConfig(alternatives="always")
+MOST_NOISE_ROUNDS = 6
+NOISE_TOLERANCE = 0.03  # of a standard deviation, and in correlation
+MOST_CORRELATION = 0.99
+SIGNIFICANT_SDS = 3.0  # of white noise's correlation: a smaller correlation counts as none
+
+
+def infer(
+    robot: Robot,
+    trials: Sequence[Trial],
+    seed: int = 0,
+    config: FitConfig | None = None,
+    noise: Mapping[str, float] | Noise | None = None,
+    usual: Floats | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> JointPosterior:
+    """Return the posterior of a robot given recorded trials.
+
+    Parameters
+    ----------
+    robot, trials
+        The robot, and what was recorded of it.
+    seed
+        Of the starting points.
+    config
+        Settings of the fit; None weighs all hypotheses.
+    noise
+        The standard deviation of each channel's noise, by name, if it is known. None estimates it,
+        and how neighbouring samples correlate, from what the best fit leaves: the trials are
+        fitted again until it stays the same.
+    usual, progress
+        See :func:`eea.joint.inference.fit`.
+
+    Raises
+    ------
+    ConfigurationError
+        If trials have other channels than the robot, or settings are wrong.
+    TargetError
+        If no simulation stays finite.
+    """
+    instance("robot", robot, Robot)
+    if robot.discrepancy is not None:
+        raise ConfigurationError(
+            "discrepancy must be None where the channels' noise is inferred: AR(1) noise is what a "
+            "simulator leaves; got one"
+        )
+    whole("seed", seed, 0, MAXIMUM_SEED)
+    if config is None:
+        config = RECORDED_CONFIG
+    observed = Observed.of(trials, robot)
+    rng = np.random.default_rng(seed)
+    if noise is not None:
+        known = noise if isinstance(noise, Noise) else _given(noise, robot)
+        config = replace(config, noise=1.0)  # times the channels' own
+        return fit(
+            replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
+        )
+    guess = _first_guess(observed)
+    posterior: JointPosterior | None = None
+    for _ in range(MOST_NOISE_ROUNDS):
+        seen = replace(observed, noise=guess)
+        posterior = fit(seen, robot, config, rng, posterior, progress)
+        found = noise_left([_best(posterior)])
+        if _alike(found, guess):
+            break
+        guess = found
+    assert posterior is not None
+    return posterior
+
+
+def noise_left(optima: Sequence[Optima]) -> Noise:
+    """Return the noise that the best fits of one or more logs leave, of each channel."""
+    squares, products, counts, pairs, unknowns = 0.0, 0.0, 0.0, 0.0, 0.0
+    loudest = 0.0
+    for one in optima:
+        observed = replace(one.regression.observed, noise=None)
+        plain = Regression(one.regression.parameters, observed, None)
+        trials, samples, channels = observed.signal.shape
+        flat = plain.misfit(FINE).residuals(one.fits.theta[:1])[0]
+        left = flat.reshape(trials, channels, samples)
+        there = np.ones(left.shape)
+        if observed.weight is not None:
+            weight = observed.weight
+            there = np.broadcast_to(
+                (weight.swapaxes(1, 2) if weight.ndim == 3 else weight[:, None]) > 0.0, left.shape
+            ).astype(np.float64)
+        squares = squares + (left**2).sum(axis=(0, 2))
+        products = products + (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
+        counts = counts + there.sum(axis=(0, 2))
+        pairs = pairs + (there[:, :, 1:] * there[:, :, :-1]).sum(axis=(0, 2))
+        unknowns += _determined(one)
+        loudest = np.maximum(loudest, np.abs(observed.signal).max(axis=(0, 1)))
+    total = np.asarray(counts)
+    freedom = total * np.maximum(1.0 - unknowns / total.sum(), 0.1)
+    sd = np.sqrt(np.asarray(squares) / np.maximum(freedom, 1.0))
+    sd = np.maximum(sd, LEAST_RELATIVE_SIGMA * np.maximum(loudest, 1e-12))
+    mean = np.asarray(squares) / np.maximum(total, 1.0)
+    share = np.asarray(products) / np.maximum(np.asarray(pairs) * mean, 1e-300)
+    certain = share > SIGNIFICANT_SDS / np.sqrt(np.maximum(pairs, 1.0))
+    return Noise(sd, np.where(certain, np.minimum(share, MOST_CORRELATION), 0.0))
+
+
+def _determined(optima: Optima) -> float:
+    """Return how many unknowns the data determine, rather than the prior."""
+    theta = optima.fits.theta[:1]
+    parameters = optima.regression.parameters
+    normal = optima.regression.misfit(FINE).linearise(theta).normal[0] / optima.sigma**2
+    both = normal + parameters.prior_information
+    return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
+
+
+def _best(posterior: JointPosterior) -> Optima:
+    """Return the best fit of the most probable hypothesis."""
+    assert posterior.warm_start is not None
+    return posterior.warm_start.optima[posterior.branches[0].hypothesis.name]
+
+
+def _first_guess(observed: Observed) -> Noise:
+    """Return noise as loud as each channel's signal about its mean, and white."""
+    there = np.isfinite(observed.signal)
+    if observed.weight is not None:
+        weight = observed.weight
+        there = np.broadcast_to(
+            (weight if weight.ndim == 3 else weight[:, :, None]) > 0.0, observed.signal.shape
+        )
+    rows = [observed.signal[:, :, c][there[:, :, c]] for c in range(observed.signal.shape[2])]
+    spread = [float(row.std()) or float(np.abs(row).max(initial=0.0)) or 1.0 for row in rows]
+    return Noise(np.array(spread), np.zeros(len(spread)))
+
+
+def _given(noise: Mapping[str, float], robot: Robot) -> Noise:
+    """Return known noise, by the channels' names, as it is reckoned with."""
+    for name in noise:
+        choice("noise", name, robot.channels)
+    for name in robot.channels:
+        if name not in noise:
+            raise ConfigurationError(f"noise must be that of every channel; {name} has none")
+        real(f"noise of {name}", noise[name], 1e-300)
+    sd = np.array([float(noise[name]) for name in robot.channels])
+    return Noise(sd, np.zeros(len(sd)))
+
+
+def _alike(one: Noise, other: Noise) -> bool:
+    """Return whether two estimates of the noise are the same for all that follows."""
+    louder = np.abs(np.log(one.sd / other.sd)).max()
+    slower = np.abs(one.correlation - other.correlation).max()
+    return bool(max(louder, slower) < NOISE_TOLERANCE)
