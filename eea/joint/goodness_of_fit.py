@@ -98,9 +98,7 @@ def goodness_of_fit(
     count = sum(trial.size for trial in trials) - missing
     shortest = min(map(len, trials), default=0)
     if count <= parameters:
-        raise ConfigurationError(
-            f"residuals must outnumber parameters, {parameters}; got {count}"
-        )
+        raise ConfigurationError(f"residuals must outnumber parameters, {parameters}; got {count}")
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
     if rms <= floor:
@@ -140,23 +138,37 @@ def goodness_of_fit(
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 
-def against_known_good(misfit: float, usual: Floats) -> Goodness:
+def against_known_good(misfit: float, usual: Floats, away: float, freedom: int) -> Goodness:
     """Return the goodness of a fit, judged by those of logs that are known to be good.
 
-    ``misfit`` is the mean square of the residuals over the noise's, and ``usual`` (n,) are those of
-    the known-good logs. Their logarithms are taken as normal, of unknown mean and spread.
+    Parameters
+    ----------
+    misfit
+        The mean square of the residuals over the noise's.
+    usual
+        (n,) those of the known-good logs. Their logarithms are taken as normal, of unknown mean and
+        spread.
+    away
+        The squared distance of the fitted numbers from those of known-good logs, in their spread.
+    freedom
+        How many these numbers are.
     """
-    share = float(student_p(misfit, usual))
+    size_p = student_p(misfit, usual)
+    far_p = float(chdtrc(freedom, away)) if freedom else 1.0
+    p = min(1.0, 2.0 * min(size_p, far_p))
     rms = misfit**0.5
     most = float(np.sqrt(np.max(usual)))
-    good = share >= FALSE_ALARM_RATE
-    words = (
-        f"the best fit leaves {rms:.3g} times the noise; of the {len(usual)} known-good logs it "
-        f"leaves up to {most:.3g} times (p = {share:.2g})"
-    )
+    good = p >= FALSE_ALARM_RATE
+    words = f"the best fit leaves {rms:.3g} times the noise"
+    if size_p <= far_p:
+        words += f", and of {len(usual)} known-good logs up to {most:.3g} times"
+    else:
+        words += f", with numbers {away**0.5:.2g} sd from those of known-good logs"
+    how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
+    words += f" ({how_sure})"
     if not good:
         words = f"no body explains the log: {words}"
-    return Goodness(rms, share, 1.0, 1.0, share, good, words)
+    return Goodness(rms, size_p, 1.0, 1.0, p, good, words)
 
 
 def student_p(value: float, known: Floats) -> float:

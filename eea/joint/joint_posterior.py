@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import instance, whole
+from eea.core.checks import TargetError, choice, instance, whole
 from eea.core.result import handed_on
+from eea.joint.broken import what_is_broken
 from eea.joint.diagnostics import Fit, beyond_range, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.observed import Noise
@@ -84,6 +85,13 @@ class JointPosterior:
         """The robot."""
         return self.branches[0].parameters.robot
 
+    @property
+    def best_fit(self) -> Optima:
+        """The best fits of the most probable hypothesis; a posterior from a file has none."""
+        if self.warm_start is None:
+            raise TargetError("a posterior that was read from a file has no fit")
+        return self.warm_start.optima[self.branches[0].hypothesis.name]
+
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` bodies (count, n) drawn from the posterior, in natural units.
 
@@ -96,13 +104,20 @@ class JointPosterior:
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         return self._mixed([branch.doubted for branch in self.branches], count, rng)
 
-    def _mixed(self, parts: list[Posterior], count: int, rng: np.random.Generator) -> Floats:
-        """Return bodies (count, n) drawn from a posterior of each hypothesis."""
-        shares = np.array([branch.probability for branch in self.branches])
+    def _mixed(
+        self,
+        parts: list[Posterior],
+        count: int,
+        rng: np.random.Generator,
+        branches: Sequence[HypothesisPosterior] = (),
+    ) -> Floats:
+        """Return bodies (count, n) drawn from posteriors of hypotheses, of all by default."""
+        branches = branches or self.branches
+        shares = np.array([branch.probability for branch in branches])
         bodies = [
             branch.parameters.models(part.sample(int(times), rng))
             for branch, part, times in zip(
-                self.branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
+                branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
             )
             if times
         ]
@@ -139,14 +154,42 @@ class JointPosterior:
         low, high = intervals(self._bodies, robot.low, robot.high, straight, mass)
         return holding(low, high, self.model, straight)[:2]
 
-    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+    def probability(self, hypothesis: str) -> float:
+        """Return the probability of a hypothesis by its name; 0 if it was not worth a fit."""
+        known = [h.name for h in (self.robot.nominal, *self.robot.alternatives)]
+        choice("hypothesis", hypothesis, known)
+        return sum(b.probability for b in self.branches if b.hypothesis.name == hypothesis)
+
+    def broken(self, parameter: str, mass: float = 0.9) -> tuple[float, float, float] | None:
+        """Return the median and the interval of a parameter, given that it is not whole.
+
+        The mixture of all hypotheses has "nothing is broken" in it, whose value is a point. This is
+        of the hypotheses that move the parameter; None where none was fitted.
+        """
+        choice("parameter", parameter, self.robot.parameters)
+        moved = [b for b in self.branches if parameter in b.hypothesis.moves and b.probability > 0]
+        if not moved:
+            return None
+        i = list(self.robot.parameters).index(parameter)
+        parts = [b.doubted for b in moved]
+        drawn = self._mixed(parts, INTERVAL_SAMPLES, np.random.default_rng(0), moved)[:, i]
+        low, middle, high = np.quantile(drawn, [0.5 - mass / 2, 0.5, 0.5 + mass / 2]).tolist()
+        return middle, low, high
+
+    def table(
+        self, mass: float = 0.9, hypothesis: str | None = None
+    ) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of everything, by name, in natural units.
 
-        Dimensions, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
-        names, as of the most probable hypothesis. An interval holds its median; that of an angle
-        may end beyond pi.
+        Parameters, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
+        names, as of the most probable hypothesis, or of another by its name. An interval holds its
+        median; that of an angle may end beyond pi.
         """
         best = self.branches[0]
+        if hypothesis is not None:
+            fitted = {branch.hypothesis.name: branch for branch in self.branches}
+            choice("hypothesis", hypothesis, fitted)
+            best = fitted[hypothesis]
         low, high = best.doubted.interval(mass)
         low, high, middle = holding(low, high, best.posterior.median(), best.parameters.circular)
         shares = np.array([middle, low, high])
@@ -175,6 +218,8 @@ class JointPosterior:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
         nominal = self.robot.nominal.name
+        if self.goodness.good and not self.robot.parts:
+            return what_is_broken(self) if self.robot.alternatives else []
         if self.goodness.good:
             costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
             fits = [

@@ -182,7 +182,7 @@ class Observed:
         """Which samples there are, (E, T) or (E, T, axes)."""
         if self.weight is None:
             return np.ones(self.signal.shape[:2], np.bool_)
-        return self.weight > 0.0
+        return np.asarray(self.weight > 0.0)
 
     @cached_property
     def counts(self) -> tuple[int, ...]:

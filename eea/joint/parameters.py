@@ -133,6 +133,12 @@ class Parameters:
         return len(np.unique(self.slots[self.slots != FIXED_SLOT]))
 
     @property
+    def informed(self) -> int:
+        """Number of entries that have a prior and are not fixed."""
+        precision = self.prior_precision
+        return int(((precision > 0.0) & (precision < FIXED_PRECISION)).sum())
+
+    @property
     def prior_precision(self) -> Floats:
         """The prior's precision of each entry (P,); 0 is uniform."""
         return np.diag(self.prior_information)
@@ -219,13 +225,19 @@ def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[st
     if known is None:
         return
     silent = {*hypothesis.moves, *hypothesis.fixed}
-    said = [n for n in known.names if n in names and n not in silent]
-    entries = [names.index(n) for n in said]
-    which = [known.names.index(n) for n in said]
-    prior.mean[entries] = known.mean[which]
-    prior.information[entries] = 0.0
-    covariance = known.covariance[np.ix_(which, which)]
-    prior.information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
+    said = [name for name in known.names if name not in silent]
+    each = {name.partition("@")[2] for name in names if name.partition("@")[0] in robot.each_trial}
+    for trial in ("", *sorted(each - {""})):
+        here = {name: f"{name}@{trial}" if trial else name for name in said}
+        here = {name: own for name, own in here.items() if own in names}
+        if trial:
+            here = {name: own for name, own in here.items() if name in robot.each_trial}
+        entries = [names.index(own) for own in here.values()]
+        which = [known.names.index(name) for name in here]
+        prior.mean[entries] = known.mean[which]
+        prior.information[entries] = 0.0
+        covariance = known.covariance[np.ix_(which, which)]
+        prior.information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
 
 
 def _move(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:

@@ -124,6 +124,7 @@ class Hypothesis:
     #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
+    hint: str = ""  #: Which trial would tell it from others, as "descend faster".
 
     def __post_init__(self) -> None:
         text("name", self.name)
@@ -134,6 +135,7 @@ class Hypothesis:
         for name in ("shared_angles", "freed"):
             object.__setattr__(self, name, all_of(name, getattr(self, name), str))
         text("part", self.part, empty=True)
+        text("hint", self.hint, empty=True)
         whole("changes", self.changes, 0, 1000)
         real("odds", self.odds, 0.0)
 

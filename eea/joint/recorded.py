@@ -81,7 +81,7 @@ def infer(
     for _ in range(MOST_NOISE_ROUNDS):
         seen = replace(observed, noise=guess)
         posterior = fit(seen, robot, config, rng, posterior, progress)
-        found = noise_left([_best(posterior)])
+        found = noise_left([posterior.best_fit])
         if _alike(found, guess):
             break
         guess = found
@@ -128,12 +128,6 @@ def _determined(optima: Optima) -> float:
     normal = optima.regression.misfit(FINE).linearise(theta).normal[0] / optima.sigma**2
     both = normal + parameters.prior_information
     return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
-
-
-def _best(posterior: JointPosterior) -> Optima:
-    """Return the best fit of the most probable hypothesis."""
-    assert posterior.warm_start is not None
-    return posterior.warm_start.optima[posterior.branches[0].hypothesis.name]
 
 
 def _first_guess(observed: Observed) -> Noise:

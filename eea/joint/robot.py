@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 import math
 import numbers
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,12 @@ from eea.joint.problem import (
     Values,
     groups_of,
 )
+
+if TYPE_CHECKING:
+    from eea.core.config import FitConfig
+    from eea.joint.joint_posterior import JointPosterior
+    from eea.joint.observed import Trial
+    from eea.joint.reference import Reference
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
@@ -86,6 +92,8 @@ class Robot:
         range, with odds of 0.1 in all.
     at_once
         How many of the hypotheses may hold at the same time.
+    units
+        The units of parameters and nuisances, by name, for the findings.
     parts
         Parameters that belong together, for the findings.
     nominal
@@ -133,6 +141,7 @@ class Robot:
     hidden: Sequence[str] = ()
     hypotheses: Sequence[Hypothesis] | None = None
     at_once: int = 1
+    units: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[str, Part] = field(default_factory=dict)
     nominal: Hypothesis = NOTHING_BROKEN
     prior: Prior | None = None
@@ -154,6 +163,7 @@ class Robot:
         mapping("whole", self.whole, numbers.Real)
         for name in ("each_trial", "hidden"):
             object.__setattr__(self, name, all_of(name, getattr(self, name), str))
+        mapping("units", self.units, str)
         mapping("parts", self.parts, Part)
         instance("nominal", self.nominal, Hypothesis)
         for name, kind in {"prior": Prior, "discrepancy": Discrepancy}.items():
@@ -170,6 +180,8 @@ class Robot:
         for name, value in self.whole.items():
             choice("whole", name, self.parameters)
             real(f"whole {name}", value, *self.parameters[name])
+        for name in self.units:
+            choice("units", name, self.names)
         for name in self.each_trial:
             choice("each_trial", name, self._nuisance_names)
         if self.hypotheses is not None:
@@ -252,6 +264,35 @@ class Robot:
             return "fine" in inspect.signature(self.simulate).parameters
         except (TypeError, ValueError):
             return False
+
+    def infer(
+        self,
+        trials: Sequence[Trial],
+        seed: int = 0,
+        config: FitConfig | None = None,
+        noise: Mapping[str, float] | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> JointPosterior:
+        """Return the posterior given recorded trials; see :func:`eea.joint.recorded.infer`."""
+        from eea.joint.recorded import infer
+
+        return infer(self, trials, seed, config, noise, progress=progress)
+
+    def learn(
+        self,
+        known_good: Sequence[Trial],
+        sessions: Sequence[object] | None = None,
+        seed: int = 0,
+        config: FitConfig | None = None,
+    ) -> Reference:
+        """Return what logs that are known to be good tell; see :func:`eea.joint.reference.learn`.
+
+        ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in
+        which nobody touched the robot.
+        """
+        from eea.joint.reference import learn
+
+        return learn(self, known_good, sessions, seed, config)
 
 
 def _checked_range(name: str, ends: object) -> tuple[float, float]:

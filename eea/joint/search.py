@@ -65,8 +65,10 @@ class Optima:
         observed = regression.observed
         robot = parameters.robot
         if regression.usual is not None:
-            squares = float(self.fits.squares[0])
-            return against_known_good(squares / observed.size, regression.usual)
+            theta = self.fits.theta[0]
+            away = 2.0 * float(parameters.prior_cost(theta))
+            misfit = float(self.fits.squares[0]) / observed.size
+            return against_known_good(misfit, regression.usual, away, parameters.informed)
         found = goodness_of_fit(
             self.residuals,
             parameters.unknowns,

@@ -137,7 +137,7 @@ def round_fit(posterior: JointPosterior) -> RoundFit:
     """
     warm_start = posterior.warm_start
     assert warm_start is not None
-    best = warm_start.optima[posterior.branches[0].hypothesis.name]
+    best = posterior.best_fit
     observed = best.regression.observed
     simulated = observed.simulated(best.residuals)
     similarities = np.concatenate([

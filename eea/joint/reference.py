@@ -1,0 +1,195 @@
+"""What logs that are known to be good tell of a robot, to judge later ones by.
+
+A robot that is whole is several robots: its numbers differ a little from log to log, and more from
+session to session, between which somebody touches it. So the number x of log i in session s is ::
+
+    x[s, i] = mean + between[s] + within[s, i]
+
+and a new log of a new session lies about the mean of the n sessions with the variance
+(1 + 1/n) between + within. Few sessions tell little of the spread between sessions: it is Student's
+t, for which a normal distribution of the same 90% interval stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from eea.core.angles import Floats
+from eea.core.checks import ConfigurationError, instance
+from eea.core.config import FitConfig
+from eea.joint.goodness_of_fit import FALSE_ALARM_RATE
+from eea.joint.joint_posterior import LEAST_SD, JointPosterior
+from eea.joint.observed import Noise, Trial
+from eea.joint.parameters import FIXED_PRECISION
+from eea.joint.problem import Prior
+from eea.joint.recorded import infer, noise_left
+from eea.joint.robot import Robot
+from eea.joint.search import Optima
+
+LEARNING_CONFIG = FitConfig(
+    alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0
+)
+ROUNDS = 4  # of fits to all logs, each with the noise and the spread of the one before
+NORMAL_95 = 1.6448536269514722
+
+
+class Look(NamedTuple):
+    """How well a log fits the robot as it was."""
+
+    p: float  #: The chance that a known-good log fits as badly, or has numbers as far away.
+    same: bool  #: Whether it is at least the rate of false alarms.
+    misfit: float  #: The mean square of what the best fit leaves, over the noise's.
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A robot as its known-good logs showed it; made by :meth:`Robot.learn`."""
+
+    robot: Robot  #: With what was learned as its prior.
+    noise: Noise  #: Of each channel.
+    misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
+
+    def infer(
+        self,
+        trials: Sequence[Trial],
+        seed: int = 0,
+        config: FitConfig | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> JointPosterior:
+        """Return what has changed since; see :func:`eea.joint.recorded.infer`.
+
+        A log counts as explained if known-good logs are explained as badly.
+        """
+        return infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
+
+    def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
+        """Return whether the robot as it was explains a log, at a rate of false alarms."""
+        whole = replace(self.robot, hypotheses=())
+        fitted = infer(whole, [log], seed, LEARNING_CONFIG, self.noise, self.misfits)
+        p = fitted.goodness.p
+        return Look(p, p >= alarm, _misfit(fitted.best_fit))
+
+
+def learn(
+    robot: Robot,
+    known_good: Sequence[Trial],
+    sessions: Sequence[object] | None = None,
+    seed: int = 0,
+    config: FitConfig | None = None,
+) -> Reference:
+    """Return what known-good logs tell: the robot as it was, its spread, and its noise.
+
+    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes).
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    known_good
+        Two logs or more, each a trial.
+    sessions
+        A label for each log; logs of one session have the same. None: all are of one session, and
+        so is every later log.
+    seed, config
+        Of the fits.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are fewer than two logs, or not as many labels as logs.
+    """
+    instance("robot", robot, Robot)
+    if len(known_good) < 2:
+        raise ConfigurationError(f"known_good must be two logs or more; got {len(known_good)}")
+    labels = [0] * len(known_good) if sessions is None else list(sessions)
+    if len(labels) != len(known_good):
+        raise ConfigurationError(
+            f"sessions must be one label for each of {len(known_good)} logs; got {len(labels)}"
+        )
+    effort = replace(config or LEARNING_CONFIG, alternatives="never")
+    whole = replace(robot, hypotheses=())
+    noise: Noise | None = None
+    fits: list[LogFit] = []
+    for _ in range(ROUNDS):
+        fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+        noise = noise_left([one.optima for one in fits])
+        whole = replace(whole, prior=_spread(fits, labels))
+    assert noise is not None
+    wide = _spread(fits, labels, widened=True)
+    whole = replace(whole, prior=wide)
+    fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+    return Reference(replace(robot, prior=wide), noise, np.array([_misfit(f.optima) for f in fits]))
+
+
+class LogFit(NamedTuple):
+    """The best fit of a log, and its numbers with their covariance, as shares of ranges."""
+
+    optima: Optima
+    names: tuple[str, ...]
+    theta: Floats  #: (k,)
+    covariance: Floats  #: (k, k)
+
+
+def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise | None, seed: int) -> LogFit:
+    posterior = infer(robot, [log], seed, config, noise)
+    optima = posterior.best_fit
+    branch = posterior.branches[0]
+    parameters = branch.parameters
+    mode = branch.posterior.modes[0]
+    bases = [name.partition("@")[0] for name in parameters.names]
+    starts = {n.name for n in robot.nuisance_list if n.start}
+    entries = [
+        i
+        for i, base in enumerate(bases)
+        if not parameters.circular[i]
+        and parameters.prior_precision[i] < FIXED_PRECISION
+        and base not in starts
+    ]
+    inverse: Floats = np.linalg.pinv(mode.information, hermitian=True)
+    covariance = inverse[np.ix_(entries, entries)]
+    names = tuple(bases[i] for i in entries)
+    return LogFit(optima, names, mode.theta[entries], covariance)
+
+
+def _spread(fits: Sequence[LogFit], labels: Sequence[object], widened: bool = False) -> Prior:
+    """Return the distribution of a new log's numbers, of a new session if there are several.
+
+    ``widened`` by Student's t, as few sessions, or logs of one, tell little of their spread.
+    """
+    theta = np.array([one.theta for one in fits])
+    logs = len(theta)
+    groups = [np.array([label == other for other in labels]) for label in dict.fromkeys(labels)]
+    count = len(groups)
+    means = np.array([theta[group].mean(axis=0) for group in groups])
+    apart = theta - sum(np.outer(group, mean) for group, mean in zip(groups, means, strict=True))
+    uncertain = np.mean([one.covariance for one in fits], axis=0)
+    within = apart.T @ apart / max(logs - count, 1) + uncertain
+    if count > 1:
+        each = logs / count
+        between = np.cov(means, rowvar=False).reshape(within.shape) - within / each
+        covariance = (1.0 + 1.0 / count) * _positive(between) + within
+        freedom = count - 1
+    else:
+        covariance = (1.0 + 1.0 / logs) * within
+        freedom = logs - 1
+    if widened:
+        covariance = covariance * (float(stdtrit(freedom, 0.95)) / NORMAL_95) ** 2
+    covariance = covariance + LEAST_SD**2 * np.eye(len(covariance))
+    return Prior(fits[0].names, means.mean(axis=0), covariance)
+
+
+def _positive(matrix: Floats) -> Floats:
+    """Return the nearest matrix without negative eigenvalues."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    found: Floats = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return found
+
+
+def _misfit(optima: Optima) -> float:
+    """Return the mean square of what the best fit leaves, over the noise's."""
+    return float(optima.fits.squares[0]) / optima.regression.observed.size
