@@ -311,13 +311,13 @@ def together(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
     Combinations of more are fitted only where none of fewer explains the trials. Those of one part,
     or of the same numbers, are left out.
     """
-    found = []
-    for count in range(1, most + 1):
+    found = list(hypotheses)
+    for count in range(2, most + 1):
         for some in combinations(hypotheses, count):
-            names = [name for one in some for name in (*one.fixed, *one.moves, *one.freed)]
-            parts = [one.part for one in some if one.part]
-            if len(set(names)) == len(names) and len(set(parts)) == len(parts):
-                found.append(some[0] if count == 1 else joined(some))
+            names = [n for one in some for n in {*one.fixed, *one.moves, *one.freed, one.part}]
+            names = [name for name in names if name]
+            if len(set(names)) == len(names):
+                found.append(joined(some))
     return found
 
 

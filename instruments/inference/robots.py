@@ -40,6 +40,10 @@ SETTLE = 100  # samples after which coloured noise has forgotten its beginning
 SPANS = np.array([d.maximum for d in DIMENSIONS])
 
 
+#: The nuisances of an ordinary robot, by name.
+ORDINARY_WORLD = {n.name: n.nominal for n in NUISANCES}
+
+
 def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats:
     """Return the sizes (9,) of a setting's robot, in units of 5 cm."""
     shares = rng.uniform(0.0 if setting.bodies == "prior" else 0.1, 1.0, len(DIMENSIONS))
@@ -53,7 +57,7 @@ def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats
 
 def draw_world(setting: Setting, rng: np.random.Generator) -> dict[str, float]:
     """Return the nuisances of a setting's robot, by the names of ``eea.fish.joint``."""
-    values = {n.name: n.nominal for n in NUISANCES}
+    values = dict(ORDINARY_WORLD)
     if setting.world == "other numbers":
         way = rng.normal(size=3)
         values |= dict(zip(CURRENT, 0.15 * way / np.linalg.norm(way), strict=True))

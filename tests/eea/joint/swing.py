@@ -44,7 +44,8 @@ SWING = Robot(
     simulate,
     {"arm": "rad/s", "dragged": "rad/s"},
     nuisances=(
-        Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05), Nuisance("motor", 0.0, 1.0, 1.0, switch=True)
+        Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05),
+        Nuisance("motor", 0.0, 1.0, 1.0, switch=True),
     ),
     hidden=("angle",),
     hypotheses=(Hypothesis("the motor is dead", {"motor": 0.0}),),

@@ -6,22 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.core.genome import action_layout, model_layout
-from eea.core.problem import Problem
+from eea.fish.joint import AS_COMMANDED
 from eea.joint.diagnostics import Fit, findings
 from eea.joint.posterior import Posterior
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Part
+from eea.joint.problem import Hypothesis, Part
+from eea.joint.robot import Robot
 from linear_worlds import mode
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])
 RANGES = (2.0, 1.0, 0.1, 2.0, 1.0, 1.2)
-PROBLEM = Problem(
-    model_layout([(name, high, 6) for name, high in zip(NAMES, RANGES, strict=False)]),
-    action_layout([("speed", -1.0, 1.0)]),
-    ("phase",),
-    axes=1,
-)
+PARAMETERS = {name: (0.0, high) for name, high in zip(NAMES, RANGES, strict=False)}
 SIZES = {name: name.partition(".")[2] for name in NAMES[:5]}
 FIN = Part({name: SIZES[name] for name in NAMES[:3]}, NAMES[:2], "faster flippers would tell")
 TAIL = Part({name: SIZES[name] for name in NAMES[3:5]}, NAMES[3:5], "a faster tail would tell")
@@ -34,9 +29,16 @@ def known(*modes):
     return Posterior(NAMES, np.zeros(7), np.ones(7), CIRCULAR, modes)
 
 
+def robot_of(parts):
+    return Robot(
+        PARAMETERS, lambda *_: None, {"gyro": "rad/s"}, hidden=("phase",), parts=parts,
+        nominal=AS_COMMANDED,
+    )  # fmt: skip
+
+
 def said_of(posterior, parts=BOTH):
     """Return the findings on a robot of these parts."""
-    return findings(posterior, JointProblem(PROBLEM, lambda *_: None, parts=parts))
+    return findings(posterior, robot_of(parts))
 
 
 def test_of_a_body_that_is_known_there_is_nothing_to_say():
@@ -121,7 +123,7 @@ def test_nothing_is_said_of_the_servo_of_an_absent_part():
     theta, precision = MIDDLE.copy(), KNOWN.copy()
     theta[3], precision[4] = 0.0, 0.0
     absent = known(mode(theta, np.diag(precision), 0.0))
-    joint = JointProblem(PROBLEM, lambda *_: None, parts=BOTH)
+    joint = robot_of(BOTH)
     seized = Hypothesis("the servo of the tail is seized", part="tail")
     missing = Hypothesis(
         "the tail is missing", {"tail.length": 0.0, "tail.width": 0.0}, part="tail"

@@ -10,15 +10,14 @@ from scipy.fft import dct
 from scipy.signal import lfilter
 
 from eea import FitConfig
-from eea.core.genome import action_layout, model_layout
-from eea.core.problem import Problem
 from eea.joint.diagnostics import Fit, faults
 from eea.joint.goodness_of_fit import goodness_of_fit
 from eea.joint.inference import fit
 from eea.joint.least_squares import FINE, Regression, descend
 from eea.joint.observed import Observed, spectrum
 from eea.joint.parameters import Parameters
-from eea.joint.problem import Calibration, Discrepancy, Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import Calibration, Discrepancy, Hypothesis, Nuisance, Part
+from eea.joint.robot import Robot
 from eea.joint.slow_errors import slow_errors
 
 TIME = 0.01 * np.arange(1, 129)
@@ -26,16 +25,15 @@ WAVE = np.sin(7.0 * TIME)
 QUICK = FitConfig(bodies=8, poses=4, descents=4, polished=2, restarts=0)
 
 
-def wheel(bodies, _nuisances, _commands, angles, _fine):
-    return (bodies[:, :1] * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
+def wheel(values, _commands):
+    return (values["size"][:, None] * np.sin(7.0 * TIME))[:, :, None]
 
 
-def wave(bodies, *rest):
-    return 0.05 * wheel(bodies, *rest, True)[:, None]
+def wave(values, commands):
+    return 0.05 * wheel(values, commands)[:, None]
 
 
-PROBLEM = Problem(model_layout([("size", 1.0, 6)]), action_layout([("speed", 0.0, 1.0)]), ("a",), 1)
-RIGHT = JointProblem(PROBLEM, wheel)
+RIGHT = Robot({"size": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("a",))
 
 
 def inferred(discrepancy, noise):
@@ -154,8 +152,8 @@ def test_a_hypothesis_that_alone_fits_is_named():
 
 
 def test_a_size_without_effect_stays_open_when_calibrated():
-    def blind(bodies, _nuisances, _commands, angles, _fine):
-        return ((0.5 + 0.0 * bodies[:, :1]) * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
+    def blind(values, _commands):
+        return ((0.5 + 0.0 * values["size"][:, None]) * np.sin(7.0 * TIME))[:, :, None]
 
     calibration = Calibration((0.01,), ((0.5,),))
     joint = replace(RIGHT, simulate=blind, discrepancy=Discrepancy(0.02, 5.0, None, calibration))

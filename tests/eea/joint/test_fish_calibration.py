@@ -9,7 +9,7 @@ import pytest
 
 from eea import FitConfig, RecordedLog, SwimLog, infer_log
 from eea.fish.joint import fish_robot
-from eea.fish.simulator import EngineSimulator
+from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
 from eea.joint.inference import mixture
 from eea.joint.least_squares import Regression
@@ -17,7 +17,7 @@ from eea.joint.parameters import Parameters
 from eea.joint.search import search
 from instruments.inference.calibration import coverage, rank_uniformity, ranks
 from instruments.inference.cases import DRAWS, examine, truth_of
-from instruments.inference.robots import NOMINAL, SPANS, Robot, draw_body, draw_world
+from instruments.inference.robots import ORDINARY_WORLD, SPANS, Robot, draw_body, draw_world
 from instruments.inference.settings import Setting
 from instruments.inference.summary import NAMES
 
@@ -43,7 +43,7 @@ def posteriors():
         rng = np.random.default_rng([7, number])
         body, world = draw_body(PRIOR, number, rng), draw_world(PRIOR, rng)
         robot = Robot(PRIOR, body, world, rng, rng)
-        robot.perform(fast_command(joint.problem.actions, np.empty((0, 3)), rng))
+        robot.perform(fast_command(fish_problem().actions, np.empty((0, 3)), rng))
         truth = truth_of(parameters, robot)
         optima = search(Regression(parameters, robot.observed, None), rng, NEARLY_NONE, truth[None])
         found.append((mixture(optima, optima), truth))
@@ -76,7 +76,7 @@ def test_both_of_two_answers_are_kept():
     setting = Setting("a slow tail", 3, trials=1, steps=128)
     for number in range(setting.robots):
         rng = np.random.default_rng([3, number])
-        robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), NOMINAL, rng, rng)
+        robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), ORDINARY_WORLD, rng, rng)
         robot.perform(SLOW)
         log = SwimLog.of_trials([SLOW], [RecordedLog(robot.logs[0])])
         belief = infer_log(log, QUICK, number, threads=1).belief

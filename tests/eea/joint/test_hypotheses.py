@@ -13,18 +13,19 @@ from eea.joint import inference
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import Fitted, Regression
 from eea.joint.parameters import FIXED_PRECISION
-from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
+from eea.joint.problem import Hypothesis, Part
+from eea.joint.robot import NOTHING_BROKEN
 from eea.joint.search import Optima, search
 from eea.joint.session import JointInference
-from tests.eea.joint.swing import CONFIG, SIGMA, SWING, infer, simulate
+from tests.eea.joint.swing import CONFIG, PROBLEM, SIGMA, SWING, infer, simulate
 
 SLIPPERY = "the arm has no friction"
 ARM = Part(
     {"arm.length": "length", "arm.friction": "friction"}, area=("arm.length", "arm.friction")
 )
-PROBLEM = replace(
+ROBOT = replace(
     SWING,
-    hypotheses=(*SWING.hypotheses, Hypothesis(SLIPPERY, {"arm.friction": 0.0}, part="arm")),
+    hypotheses=(*SWING.alternatives, Hypothesis(SLIPPERY, {"arm.friction": 0.0}, part="arm")),
     parts={"arm": ARM},
 )
 
@@ -36,8 +37,9 @@ class Slippery:
         self._rng = np.random.default_rng(seed)
 
     def perform(self, command):
-        body, nuisances = np.array([[1.3, 0.0]]), np.array([[0.0, 1.0]])
-        felt = simulate(body, nuisances, command[None], np.array([[0.5]]))[0]
+        numbers = {"arm.length": 1.3, "arm.friction": 0.0, "bias": 0.0, "motor": 1.0, "angle": 0.5}
+        values = {name: np.array([value]) for name, value in numbers.items()}
+        felt = simulate(values, command[None])[0]
         return RecordedLog(gyro=felt + SIGMA * self._rng.normal(size=felt.shape))
 
 
@@ -55,7 +57,7 @@ def optima_of(method: JointInference) -> dict[str, Optima]:
 
 def test_what_was_probable_is_weighed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sliver explains a missing part a little better than none: that is no reason to forget."""
-    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    method = JointInference(Slippery(2), ROBOT, PROBLEM, CONFIG)
     rounds = iter(method)
     next(rounds)
     assert SLIPPERY in weighed(method)
@@ -71,9 +73,9 @@ def test_a_part_may_be_absent_though_the_best_has_some_of_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(inference, "ABSENT_SIZE_SHARE", 1e-9)
-    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    method = JointInference(Slippery(2), ROBOT, PROBLEM, CONFIG)
     next(iter(method))
-    assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 1] > 1e-9
+    assert optima_of(method)[NOTHING_BROKEN.name].fits.theta[0, 1] > 1e-9
     assert SLIPPERY in weighed(method)
 
 
@@ -91,10 +93,10 @@ def test_optimum_of_another_hypothesis_starts_the_search_without_fault(
         return replace(found, fits=Fitted(missed, np.array([1e3]), np.array([1e6])))
 
     monkeypatch.setattr(inference, "search", worse)
-    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    method = JointInference(Slippery(2), ROBOT, PROBLEM, CONFIG)
     next(iter(method))
     assert optima_of(method)[SLIPPERY].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
-    assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert optima_of(method)[NOTHING_BROKEN.name].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
 
 
 def test_hypotheses_that_fail_have_no_probability_in_the_findings() -> None:

@@ -8,32 +8,34 @@ import numpy as np
 import pytest
 
 from eea import FitConfig
-from eea.core.genome import action_layout, model_layout
-from eea.core.problem import Problem
 from eea.joint.inference import fit
 from eea.joint.least_squares import COARSE, FINE, Regression
 from eea.joint.observed import Observed, spectrum
 from eea.joint.parameters import Parameters
-from eea.joint.problem import Discrepancy, JointProblem
+from eea.joint.problem import Discrepancy
+from eea.joint.robot import Robot
 
 TIME = 0.01 * np.arange(1, 129)
 QUICK = FitConfig(bodies=8, poses=4, descents=4, polished=2, restarts=0)
-PROBLEM = Problem(model_layout([("size", 1.0, 6)]), action_layout([("speed", 0.0, 1.0)]), ("a",), 1)
 COMMANDS = np.array([[1.0], [0.6], [0.3]])
 LENGTHS = (128, 40, 77)
 
 
-def wheel(bodies, _nuisances, commands, angles, _fine):
-    return (bodies[:, :1] * np.sin(9.0 * commands * TIME + angles))[:, :, None]
+def wheel(values, commands):
+    phase = 9.0 * commands * TIME + values["a"][:, None]
+    return (values["size"][:, None] * np.sin(phase))[:, :, None]
 
 
-JOINT = JointProblem(PROBLEM, wheel, discrepancy=Discrepancy(0.01, 20.0))
+JOINT = Robot(
+    {"size": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("a",),
+    discrepancy=Discrepancy(0.01, 20.0),
+)  # fmt: skip
 
 
 def measured(noise=0.01, filler=0.0):
     """Return three trials of unequal lengths; what fills them up has no weight."""
     rng = np.random.default_rng(0)
-    signal = wheel(np.full((3, 1), 0.5), None, COMMANDS, np.array([[0.3], [2.0], [-1.0]]), True)
+    signal = wheel({"size": np.full(3, 0.5), "a": np.array([0.3, 2.0, -1.0])}, COMMANDS)
     signal += noise * rng.normal(size=signal.shape)
     weight = np.ones((3, 128))
     for e, length in enumerate(LENGTHS):
@@ -58,7 +60,7 @@ def test_what_fills_a_short_trial_up_does_not_count():
         belief = fit(observed, JOINT, QUICK, np.random.default_rng(1))
         whole[-1] += [belief.sigma, belief.goodness.p, *np.ravel(belief.interval(0.9))]
     assert whole[0] == whole[1]
-    apart = wheel(np.full((3, 1), 0.4), None, COMMANDS, theta[0, 1:, None], True) - zero.signal
+    apart = wheel({"size": np.full(3, 0.4), "a": theta[0, 1:]}, COMMANDS) - zero.signal
     alone = sum((apart[e, :n] ** 2).sum() for e, n in enumerate(LENGTHS))
     assert whole[0][0] == pytest.approx(alone)
 

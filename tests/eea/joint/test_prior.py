@@ -12,6 +12,7 @@ import aquafish_gym  # noqa: F401  registers the environments
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import (
@@ -26,7 +27,7 @@ from eea import (
 from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.joint import fish_robot
+from eea.fish.joint import SERVO, fish_robot
 from eea.fish.prior import UNCHANGED_NAME, since
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import Start, log_windows
@@ -90,13 +91,12 @@ def test_a_known_start_leaves_nothing_to_explain() -> None:
     windows = log_windows(log, start=start)
     joint = fish_robot(EngineSimulator(windows.steps, threads=1), windows)
     one = Parameters.of(joint, 1, ())
-    bodies, nuisances, angles = one.inputs(one.local(one.prior_mean[None])[:, 0])
-    assert angles.shape == (1, 0)
-    servos = [n.name for n in joint.nuisances].index("servo of the left flipper")
-    nuisances[:, servos : servos + 3] = robot.servo_gain
-    felt = joint.simulate(robot.body, nuisances, np.array([0]), angles, True)
+    values = one.values(one.local(one.prior_mean[None])[:, 0])
+    assert not set(values) & set(FIN_WORDS)
+    values |= {SERVO[fin]: robot.servo_gain[:, i] for i, fin in enumerate(FIN_WORDS)}
+    values |= {d.name: robot.body[:, i] for i, d in enumerate(DIMENSIONS)}
+    felt = joint.simulate(values, np.array([0]), True)
     np.testing.assert_allclose(felt[0], log.gyro[1:], rtol=0, atol=1e-9)
-    assert bodies.shape == robot.body.shape
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": "eea.belief/1"}, "schema must be eea.posterior/4; it is 'eea.belief/1': infer"),
+        ({"schema": "eea.belief/1"}, "schema must be eea.posterior/5; it is 'eea.belief/1': infer"),
         ({"trials": 1}, "its parameters must be"),
         ({"nuisances": [{"name": "bias"}]}, "does not describe a posterior: TypeError"),
         ({"goodness": {}}, "does not describe a posterior: TypeError"),

@@ -15,7 +15,7 @@ from eea import (
 )
 from eea.core.session import streams
 from eea.fish.joint import fish_robot
-from eea.fish.simulator import EngineSimulator
+from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.serialization import from_arrays, to_arrays
 
@@ -33,7 +33,7 @@ def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -
     target = EngineTarget(None, damage, streams(1)["target"], STEPS, "numba", gap=gap)
     joint = fish_robot(EngineSimulator(STEPS, threads=1))
     some = tuple(h for h in joint.hypotheses if f"servo of the {part}" in h.name)
-    result = JointInference(target, replace(joint, hypotheses=some), config, 1).run()
+    result = JointInference(target, replace(joint, hypotheses=some), fish_problem(), config, 1).run()
     assert isinstance(result.belief, JointPosterior)
     return result.belief
 

@@ -12,7 +12,7 @@ from eea.core.session import streams
 from eea.joint.inference import fit
 from eea.joint.observed import Observed
 from eea.joint.session import JointInference
-from swing import CONFIG, SWING, TRUTH, Swinging, infer
+from swing import CONFIG, PROBLEM, SWING, TRUTH, Swinging, infer
 
 
 class Recorded(Swinging):
@@ -34,7 +34,7 @@ class Recorded(Swinging):
 
 def test_offline_fits_equal_the_session():
     robot = Recorded()
-    session = JointInference(robot, SWING, CONFIG, 0, TRUTH)
+    session = JointInference(robot, SWING, PROBLEM, CONFIG, 0, TRUTH)
     rng, earlier = streams(0)["estimation"], None
     for count, record in enumerate(session, 1):
         trials = Observed(np.array(robot.commands[:count]), np.array(robot.logs[:count]))
@@ -45,8 +45,8 @@ def test_offline_fits_equal_the_session():
 
 
 def test_interrupted_round_leaves_no_trace():
-    expected = JointInference(Recorded(), SWING, CONFIG, 0, TRUTH).run()
-    session = JointInference(Recorded(fails_in=2), SWING, CONFIG, 0, TRUTH)
+    expected = JointInference(Recorded(), SWING, PROBLEM, CONFIG, 0, TRUTH).run()
+    session = JointInference(Recorded(fails_in=2), SWING, PROBLEM, CONFIG, 0, TRUTH)
     with pytest.raises(KeyboardInterrupt):
         session.run()
     assert len(session.result.rounds) == 1

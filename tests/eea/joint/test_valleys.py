@@ -8,7 +8,7 @@ from eea.core.config import JointConfig
 from eea.core.experiment import RecordedLog
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.joint.problem import JointProblem
+from eea.joint.robot import Robot
 from eea.joint.session import JointInference
 
 SIGMA, NARROW, WIDE, MISSED = 0.01, 0.15, 0.8, 0.003
@@ -17,26 +17,29 @@ PROBLEM = Problem(
 )
 
 
-def wheel(bodies, _nuisances, commands, angles, _fine):
+def wheel(values, commands):
     """A wheel that fits at radius 0.15 alone, and but for a small wobble all about radius 0.8."""
+    bodies = values["radius"][:, None]
     near = bodies < 0.6
     swing = 1.0 + np.where(near, 0.4 * (bodies - NARROW), 0.03 * (bodies - WIDE))
-    turned = 0.1 * commands * np.arange(64) + angles
+    turned = 0.1 * commands * np.arange(64) + values["angle"][:, None]
     wobble = np.where(near, 0.0, MISSED) * np.cos(3.0 * turned)
     return (swing * np.sin(turned) + wobble)[:, :, None]
 
 
-class Robot:
+class Target:
     def perform(self, command):
-        felt = wheel(np.array([[NARROW]]), None, command[None], np.array([[0.5]]), True)
+        values = {"radius": np.array([NARROW]), "angle": np.array([0.5])}
+        felt = wheel(values, command[None])
         noise = np.random.default_rng(0).normal(0.0, SIGMA, felt.shape)
         return RecordedLog(gyro=felt + noise)
 
 
 def test_what_comes_to_the_lower_valley_does_not_crowd_out_the_likelier_one() -> None:
     config = JointConfig(steps=64, rounds=1, noise=SIGMA, bodies=24)
-    result = JointInference(Robot(), JointProblem(PROBLEM, wheel), config).run()
+    robot = Robot({"radius": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("angle",))
+    result = JointInference(Target(), robot, PROBLEM, config).run()
     sample = result.sample(1000)
     assert 0.5 < (sample > 0.6).mean() < 1.0
-    modes = result.to_dict()["belief"]["modes"]["every servo does as it is told"]["values"]
+    modes = result.to_dict()["belief"]["modes"]["nothing is broken"]["values"]
     assert abs(modes[0][0] - NARROW) < 0.01  # the lowest, and yet the less probable
