@@ -15,13 +15,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, Range
+from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS, Chance, Tier
+from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, needs_number
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
-Parts = Mapping[str, Mapping[str, Range | None]]
+Parts = Mapping[str, Words]
 MAXIMUM_HOLD_STEPS = 10**6  # physics steps in a control step
 MAXIMUM_FAULTS = 100  # that one robot may have
 CHANCE_SCALES = 0.2, 0.9  # of what a size was, where any fin may break
@@ -116,7 +117,7 @@ class Damage:
         words = {fault.word for fault in self.faults if fault.part != RANDOM}
         tiers = [TIERS[fault.word] for fault in self.faults if fault.part == RANDOM]
         words |= {chance.word for tier in tiers for chance in tier.chances}
-        return not words.isdisjoint(("scale", "delay", "hold"))
+        return not words.isdisjoint(LINK_WORDS)
 
     @property
     def certain(self) -> Self:
@@ -260,10 +261,11 @@ def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scena
 
 def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]:
     """Return a fault with its onset drawn; of a tier, faults of different parts that begin then."""
-    if isinstance(fault.onset, tuple):
-        fault = replace(fault, onset=float(rng.uniform(*fault.onset)))
+    onset = fault.onset
+    if isinstance(onset, tuple):
+        onset = float(rng.uniform(*onset))
     if fault.part != RANDOM:
-        return [fault]
+        return [replace(fault, onset=onset)]
     tier = TIERS[fault.word]
     whole = dict(parts)
     found = []
@@ -278,9 +280,8 @@ def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]
         word, part = chance.word, str(rng.choice(fitting))
         number = float(rng.uniform(chance.low, chance.high))
         number *= int(rng.choice((-1, 1))) if word == "bias" else 1
-        range_ = whole.pop(part)[word]
-        takes = range_ is not None and not range_.optional
-        found.append(replace(fault, part=part, word=word, number=number if takes else None))
+        taken = number if needs_number(whole.pop(part)[word]) else None
+        found.append(replace(fault, part=part, word=word, number=taken, onset=onset))
     return found
 
 
