@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
-from aquafish_gym.morphology import FIN_WORDS, FINS, SIZES
+from aquafish_gym.morphology import FINS, SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN
 
 SHORTEST_SECONDS = 1e-3
@@ -96,12 +96,6 @@ CHANNEL_WORDS: Mapping[str, Words] = {
 def needs_number(number: Range | None) -> TypeGuard[Range]:
     """Return whether a word cannot do without its number."""
     return number is not None and not number.optional
-
-
-def subject_of(fin: str, word: str) -> str:
-    """Return what a word about a fin is said of, such as "servo of the tail"."""
-    name = FIN_WORDS[fin]
-    return name if word in BODY_WORDS else f"servo of the {name}"
 
 
 def forms_of(words: Words) -> str:

@@ -1,4 +1,4 @@
-"""The fish as a problem of joint inference: its nuisances and fault hypotheses."""
+"""The fish as a problem of joint inference: its signal, nuisances and discrepancy."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
+from eea.fish.hypotheses import HYPOTHESES, SERVO
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
     MOST_STRIDE,
     Calibration,
     Discrepancy,
-    Hypothesis,
     JointProblem,
     Nuisance,
     Part,
@@ -36,9 +36,6 @@ GYRO_SCALE_SD = 0.03
 GYRO_MOUNTING_SD = 0.03  # rad, about each axis
 HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
 HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
-
-#: The switch of each fin's servo.
-SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
 # The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a laboratory's
 # robot; the ranges are beyond what is plausible.
@@ -72,37 +69,6 @@ START_NUISANCES: tuple[Nuisance, ...] = (
 )
 VELOCITY_PLACES = CURRENT_PLACES
 SPIN_PLACES = slice(14, 17)
-
-# A seized servo is stuck at one angle; a dead one does not move, but its angle differs from trial
-# to trial; a reversed one turns the other way; a weak one has any share of its speed, either way.
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    *(
-        Hypothesis(
-            f"the {word} is missing",
-            {d.name: 0.0 for d in DIMENSIONS if d.fin == fin},
-            part=word,
-        )
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is seized", {SERVO[fin]: 0.0}, (fin,), part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is dead", {SERVO[fin]: 0.0}, part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is reversed", {SERVO[fin]: -1.0}, part=word)
-        for fin, word in FIN_WORDS.items()
-        if fin != "caudal"
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is weak", freed=(SERVO[fin],), part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    Hypothesis("the water also resists acceleration", {"reactive water": 1.0}),
-)
 
 
 def fish_signal(

@@ -11,7 +11,8 @@ import numpy as np
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
 from eea.core.checks import ConfigurationError, choice, real
-from eea.fish.joint import SERVO, fish_joint
+from eea.fish.hypotheses import SERVO, fault_hypothesis
+from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
@@ -120,13 +121,14 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
 
 def _changes(fin: str) -> list[Hypothesis]:
     """Return the ways in which a fin may change, all equally probable."""
-    word = FIN_WORDS[fin]
-    sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
-    servo = (SERVO[fin],)
+    weak = fault_hypothesis(fin, "weak")
     return [
-        Hypothesis(f"the {word} has other sizes", changed=sizes),
-        Hypothesis(f"the servo of the {word} has another speed", freed=servo, changed=servo),
-        Hypothesis(f"the {word} is missing", dict.fromkeys(sizes, 0.0)),
+        Hypothesis(
+            f"the {FIN_WORDS[fin]} has other sizes",
+            changed=tuple(d.name for d in DIMENSIONS if d.fin == fin),
+        ),
+        replace(weak, name=f"the {SERVO[fin]} has another speed", changed=weak.freed),
+        fault_hypothesis(fin, "missing"),
     ]
 
 

@@ -18,7 +18,7 @@ from eea.core.angles import Floats
 from eea.core.config import CONDITIONS, Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.joint import HYPOTHESES
+from eea.fish.hypotheses import HYPOTHESES
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.problem import AS_COMMANDED
 from eea.study.presets import smoke

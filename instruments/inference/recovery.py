@@ -19,7 +19,7 @@ from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.scenario import Scenario
 from eea import SwimLog, infer_log
 from eea.core.config import FitConfig
-from eea.fish.joint import SERVO
+from eea.fish.hypotheses import SERVO
 from eea.fish.windows import Start
 from eea.joint.joint_posterior import JointPosterior
 from instruments.inference.robots import SPANS, Floats
