@@ -16,6 +16,7 @@ from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import MAXIMUM_REFINED_NODES, Swimming, imagine, load_library
 from aquafish.online.hypotheses import damage_text
+from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
 from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import (
     MODEL_ERROR,
@@ -25,7 +26,6 @@ from aquafish.online.self_model import (
     observed_directions,
     predict,
 )
-from aquafish.online.watch import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
@@ -227,7 +227,7 @@ class SelfModelAgent:
         lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
         # In foreign water, how surprising another gait is must be learned after each alarm.
         calm = self._foreign and self._steps < self._quiet
-        alarming = self._watch.add(square, int(self.model.used(observed).sum()), calm)
+        alarming = self._monitor.add(square, int(self.model.used(observed).sum()), calm)
         silence_ends = lost & self._readings.changed(observed)  # of a sensor that works again
         alarming |= bool(silence_ends.any())
         if alarming and (self._case is None or self._case.settled(self._steps)):
@@ -252,7 +252,7 @@ class SelfModelAgent:
             self._log("water", calibration.other_water)
             self._change_gait()
         if enough:
-            self._watch, self._drift = calibration.finish()
+            self._monitor, self._drift = calibration.finish()
             self._intact, self._calibration = self.model.robot, None
             self._change_gait()
 
@@ -303,7 +303,7 @@ class SelfModelAgent:
         whole = not found.damage and not found.sensors
         robot = self._intact if whole else found.robot
         changed = not _alike(robot, self.model.robot)
-        self._watch.clear()
+        self._monitor.clear()
         self._broken = found.damage
         self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)

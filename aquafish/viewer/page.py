@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import SelfModelAgent
-from aquafish.online.watch import CALIBRATION_ACTIONS
+from aquafish.online.monitor import CALIBRATION_ACTIONS
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded, viser_module
 from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot

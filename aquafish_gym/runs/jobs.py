@@ -112,9 +112,8 @@ def run_jobs(
                     path.parent.mkdir(parents=True, exist_ok=True)
                     result = decode_document(content, job.name, RESULT_SCHEMA)
                     if "seconds" in result:
-                        write_document(
-                            _times(path), {"seconds": result.pop("seconds")}, TIMES_SCHEMA
-                        )
+                        times = {"seconds": result.pop("seconds")}
+                        write_document(_times(path), times, TIMES_SCHEMA)
                         content = encode_document(result, RESULT_SCHEMA)
                     write_bytes(path, content)
                     report(f"{job.name}  {describe(result)}".rstrip(), 1)
@@ -246,5 +245,5 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
 
         if total:
             report(f"{jobs} jobs, {jobs - total} done already, {total} to do; {COMPILING}", 0)
-        with every(min(5.0, SILENT_SECONDS), beat):
+        with every(min(5.0, SILENT_SECONDS), beat):  # is a line due?
             yield report
