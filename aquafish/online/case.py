@@ -71,5 +71,6 @@ class Case:
         tolerance = np.maximum(DRIFT_RATIO * drift, CHANNEL_TOLERANCE)
         tolerance[GYRO_CHANNELS] = np.maximum(tolerance[GYRO_CHANNELS], NOISE_RATIO * gyro_noise)
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
+        # The robot has all of them; what is said of it has the latest.
         faults = self.broken[found.before].faults + found.damage.faults
         return replace(found, damage=Damage(faults[-MAXIMUM_FAULTS:]))
