@@ -20,6 +20,7 @@ from aquafish_gym.damage.tiers import TIERS, Chance, Tier
 from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, needs_number
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
 Parts = Mapping[str, Words]
@@ -145,6 +146,14 @@ class Damage:
                     f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
                 )
 
+    def check_fits(self, morphology: Morphology, dt: float = TIMESTEP) -> None:
+        """Raise InvalidArgumentError if a fault is random, or at any time does not fit a robot.
+
+        ``dt`` is the length of a control step, s.
+        """
+        for _, active in self.stages(dt):
+            _resized(morphology, active)
+
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError if a delay or hold fits no steps of ``dt`` s."""
         positive("dt", dt)
@@ -202,7 +211,7 @@ class Damage:
         InvalidArgumentError if a fault does not fit the body, or is random.
         """
         instance("morphology", morphology, Morphology)
-        return Morphology.from_array(_break(Scenario.create(morphology), self.faults).body[0])
+        return Morphology.from_array(_resized(morphology, self.faults))
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return :meth:`body`; InvalidArgumentError if something else is broken, or not always."""
@@ -257,6 +266,15 @@ def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scena
         fault.edit(broken)
     broken.faults[:] += len(faults)
     return broken
+
+
+def _resized(morphology: Morphology, faults: Sequence[Fault]) -> Floats:
+    """Return the sizes (9,) of a body with the faults of its fins."""
+    body = morphology.to_array()[None]
+    for fault in faults:
+        fault.edit_sizes(body)
+    sizes: Floats = body[0]
+    return sizes
 
 
 def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]:

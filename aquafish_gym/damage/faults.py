@@ -29,6 +29,7 @@ from aquafish_gym.damage.words import (
 )
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
 from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -174,24 +175,34 @@ class Fault:
 
     def edit(self, robots: Scenario) -> None:
         """Break robots, in place; InvalidArgumentError if it is random or does not fit them."""
-        if self.part == RANDOM:
-            raise InvalidArgumentError(
-                f"damage {self} is left to chance: sample it first (Damage.sample)"
-            )
+        self._check_certain()
         number = 0.0 if self.number is None else self.number
         if self.part in FINS:
             break_fin(robots, self.part, self.word, number)
             if self.word == "seized" and self.number is not None:
                 robots.fin_angles[:, FINS.index(self.part)] = number
-        elif self.channels is not None:
-            raise InvalidArgumentError(
-                f"damage {self} is of an environment's channels: give it to FaultWrapper"
-            )
         else:
             # Its tables are the robots' own, but for noise, which all axes of the gyro share.
             sensors = Readings.of(robots)._replace(noise=robots.gyro_noise[:, None])
             channels = GYRO_CHANNELS if self.part == "gyro" else CHANNELS.index(self.part)
             break_sensor(sensors, 0 if self.word == "noise" else channels, self.word, number)
+
+    def edit_sizes(self, body: Floats) -> None:
+        """Break the sizes of bodies (B, 9) alone, in place; errors as of :meth:`edit`."""
+        self._check_certain()
+        if self.part in FINS:
+            break_sizes(body, self.part, self.word, 0.0 if self.number is None else self.number)
+
+    def _check_certain(self) -> None:
+        """Raise InvalidArgumentError where it is random, or is none of a robot's."""
+        if self.part == RANDOM:
+            raise InvalidArgumentError(
+                f"damage {self} is left to chance: sample it first (Damage.sample)"
+            )
+        if self.channels is not None:
+            raise InvalidArgumentError(
+                f"damage {self} is of an environment's channels: give it to FaultWrapper"
+            )
 
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
@@ -258,13 +269,8 @@ def break_fin(
 
     InvalidArgumentError if a size would exceed its maximum.
     """
-    body, fin = robots.body, FINS.index(part)
+    fin = FINS.index(part)
     match word:
-        case "missing":
-            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
-        case "entangled":
-            column = _COLUMNS[part, "width"]
-            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
         case "delay" | "hold":
             break_link(robots.servo_delay, robots.servo_hold, fin, word, number)
         case "weak" | "scale" | "reversed" | "seized" | "dead":
@@ -272,6 +278,23 @@ def break_fin(
             if word == "dead":
                 robots.fin_angles[:, fin] = np.nan  # random at the start
         case _:
+            break_sizes(robots.body, part, word, number)
+
+
+def break_sizes(
+    body: Floats, part: str, word: str, number: float | NDArray[np.float64] = 0.0
+) -> None:
+    """Break the sizes of a fin of bodies (B, 9), in place; other words than of sizes do nothing.
+
+    ``number`` is one for all or (B,). InvalidArgumentError if a size would exceed its maximum.
+    """
+    match word:
+        case "missing":
+            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
+        case "entangled":
+            column = _COLUMNS[part, "width"]
+            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
+        case _ if word in SIZES:
             column = _COLUMNS[part, word]
             dimension = DIMENSIONS[column]
             with np.errstate(over="ignore"):
