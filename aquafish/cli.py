@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 VIEW = ("aquafish.viewer.command:View", "watch robots swim, and break them in mid-swim")
-CASE_STUDY = ("aquafish.recovery.command:Recover", "the case study: damage, self-model, gait")
+CASE_STUDY = ("aquafish.recovery.command:CaseStudy", "the case study: damage, self-model, gait")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,6 +16,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "core": core.__all__,
         "fish": fish.__all__,
         "joint.problem": ["Hypothesis", "Normal", "Nuisance"],
+        "joint.observed": ["Trial"],
         "joint.robot": ["Robot"],
         "joint.session": ["JointInference"],
         "study.presets": ["FIGURES", "figure_config"],

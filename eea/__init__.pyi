@@ -1,5 +1,6 @@
 from .core import *  # noqa: F403
 from .fish import *  # noqa: F403
+from .joint.observed import Trial as Trial
 from .joint.problem import Hypothesis as Hypothesis
 from .joint.problem import Normal as Normal
 from .joint.problem import Nuisance as Nuisance

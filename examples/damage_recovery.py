@@ -17,7 +17,7 @@ for that body in simulation, and swims on. Each step and where it is implemented
 6. The report: ``aquafish.recovery.report`` in numbers and words, ``aquafish.recovery.figures`` in
    figures and a film.
 
-``aquafish.recovery.command.Recover`` holds the options and joins these steps.
+``aquafish.recovery.command.CaseStudy`` holds the options and joins these steps.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
-from aquafish_gym.damage.faults import PARTS
+from aquafish_gym.damage.words import PARTS
 from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import MAXIMUM_REFINED_NODES, Swimming, imagine, load_library
-from aquafish.online.recognition import FaultHypothesis, Recognised
+from aquafish.online.hypotheses import damage_text
+from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
+from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import (
     MODEL_ERROR,
     RECOGNISED_ERROR,
@@ -24,7 +26,7 @@ from aquafish.online.self_model import (
     observed_directions,
     predict,
 )
-from aquafish.online.watch import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
+from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
@@ -44,7 +46,6 @@ from gait.search.evolve import EvolveConfig, evolve_gait
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 
-NO_FAULTS = FaultHypothesis((), ())
 # The number of actions before an alarm in which the robot may have broken, by ``gyro_only``.
 ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
 OUTAGE_ACTIONS = 10  # at most, without any reading, before these: it may have broken in them, too
@@ -159,7 +160,7 @@ class SelfModelAgent:
         self._moments: list[Moment] = []
         self._steps = 0
         self._action = np.zeros(3, np.float32)
-        self._broken = NO_FAULTS
+        self._broken = Damage()
         self._case: Case | None = None
         self._quiet, self._foreign = 0, False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
@@ -226,7 +227,7 @@ class SelfModelAgent:
         lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
         # In foreign water, how surprising another gait is must be learned after each alarm.
         calm = self._foreign and self._steps < self._quiet
-        alarming = self._watch.add(square, int(self.model.used(observed).sum()), calm)
+        alarming = self._monitor.add(square, int(self.model.used(observed).sum()), calm)
         silence_ends = lost & self._readings.changed(observed)  # of a sensor that works again
         alarming |= bool(silence_ends.any())
         if alarming and (self._case is None or self._case.settled(self._steps)):
@@ -251,7 +252,7 @@ class SelfModelAgent:
             self._log("water", calibration.other_water)
             self._change_gait()
         if enough:
-            self._watch, self._drift = calibration.finish()
+            self._monitor, self._drift = calibration.finish()
             self._intact, self._calibration = self.model.robot, None
             self._change_gait()
 
@@ -262,7 +263,7 @@ class SelfModelAgent:
         back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
         before, broken = [self.model.robot], [self._broken]
         if self.model.robot is not self._intact:  # what broke may have ended
-            before, broken = [*before, self._intact], [*broken, NO_FAULTS]
+            before, broken = [*before, self._intact], [*broken, Damage()]
         first = max(len(self._moments) - 1 - back, 0)
         earliest = max(first - OUTAGE_ACTIONS, 0)
         while first > earliest and not self.model.used(self._moments[first - 1].observed).any():
@@ -278,7 +279,7 @@ class SelfModelAgent:
         """Recognise what broke; the result can be used after the time for thinking."""
         began = time.process_time()
         found = case.explain(self._moments, self._drift, self.config.gyro_noise, self.hold)
-        fins = str(found.hypothesis) if found.hypothesis.words else ""
+        fins = damage_text(found.damage) if found.damage else ""
         about = "; ".join(text for text in (fins, *found.sensors) if text)
         self._think(self.config.inference_seconds, "inferred", about or "none", began, found)
 
@@ -299,11 +300,11 @@ class SelfModelAgent:
         if since:
             actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
-        whole = not found.hypothesis.words and not found.sensors
+        whole = not found.damage and not found.sensors
         robot = self._intact if whole else found.robot
         changed = not _alike(robot, self.model.robot)
-        self._watch.clear()
-        self._broken = found.hypothesis
+        self._monitor.clear()
+        self._broken = found.damage
         self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
         if changed:

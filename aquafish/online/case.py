@@ -8,8 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish.online.recognition import FaultHypothesis, Recognised, recognise
+from aquafish.online.recognition import Recognised, recognise
 from aquafish.online.self_model import predict
+from aquafish_gym.damage import Damage
+from aquafish_gym.damage.damage import MAXIMUM_FAULTS
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -36,7 +38,7 @@ class Case:
 
     step: int  #: The number of actions before the alarm.
     before: Sequence[Scenario]  #: What the robot may have been, the present belief first.
-    broken: Sequence[FaultHypothesis]  #: What is broken of each in ``before``.
+    broken: Sequence[Damage]  #: What is broken of each in ``before``.
     first: int  #: The first moment at which it may have broken.
     due: list[int]  #: Numbers of observations from the alarm on with which to infer again.
 
@@ -69,4 +71,6 @@ class Case:
         tolerance = np.maximum(DRIFT_RATIO * drift, CHANNEL_TOLERANCE)
         tolerance[GYRO_CHANNELS] = np.maximum(tolerance[GYRO_CHANNELS], NOISE_RATIO * gyro_noise)
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
-        return replace(found, hypothesis=self.broken[found.before].then(found.hypothesis))
+        # The robot has all of them; what is said of it has the latest.
+        faults = self.broken[found.before].faults + found.damage.faults
+        return replace(found, damage=Damage(faults[-MAXIMUM_FAULTS:]))

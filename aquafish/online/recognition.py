@@ -1,7 +1,7 @@
 """Recognising in mid-swim what broke: all hypotheses are simulated in one batch.
 
-A hypothesis is one fault, or two: on different fins, or two sizes of one fin. It is simulated from
-the state before the change, with the robot's own actions. The numbers of the best are narrowed.
+Hypotheses (``aquafish.online.hypotheses``) are simulated from the state before the change, with the
+robot's own actions. The numbers of the best are narrowed.
 A broken sensor deviates under every hypothesis. So each channel's own error is profiled out of the
 likelihood, and a broken one costs all hypotheses alike; K is the number of observations::
 
@@ -12,47 +12,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 
+from aquafish.online.hypotheses import DamageGrid, FinFaults, all_hypotheses, broken
 from aquafish.online.self_model import LEAST_OBSERVATION_SD, noise_of, predict
-from aquafish_gym.damage.faults import break_fin
+from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
-from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
-#: The numbers of each fault that are tried first.
-FIRST_NUMBERS: dict[str, tuple[float, ...]] = {
-    "length": (0.12, 0.2, 0.28, 0.36, 0.45, 0.55, 0.65, 0.75, 0.85),
-    "width": (0.12, 0.28, 0.45, 0.55, 0.65, 0.75, 0.85),
-    "entangled": (0.12, 0.25, 0.4, 0.6, 0.8, 1.0),
-    "weak": (0.08, 0.15, 0.25, 0.4, 0.55, 0.7, 0.85),
-    "missing": (0.0,),
-    "reversed": (0.0,),
-    "seized": (0.0,),
-}
-NUMBER_RANGES = {  # of faults that have a number
-    "length": (0.02, 0.98),
-    "width": (0.02, 0.98),
-    "entangled": (0.02, 1.0),
-    "weak": (0.02, 0.98),
-}
-# Minus the log prior of each fault, number and bias.
-WORD_COST = 2.0
-NUMBER_COST = 1.0
-BIAS_COST = 4.0
+BIAS_COST = 4.0  # minus its log prior
 COMPARED_ACTIONS = 15  # over which all hypotheses are compared
 NARROWED_HYPOTHESES = 16  # in the first two rounds
 LATE_HYPOTHESES = 4  # in later rounds
 NARROWING_ROUNDS = 6
 FIRST_SPACING = 0.12  # of the numbers that are tried
 SPACING_RATIO = 2.6  # of the spacing in a round to that in the next
-STENCIL = np.array([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])
 BIAS_DEVIATION = 0.3  # errors that deviate less from their mean, relative to it, are a bias
 NOISE_CORRELATION = 0.4  # errors that correlate less with the one before are noise
 TOLERATED_NOISE = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
@@ -64,32 +42,14 @@ POSES_PER_FIN = 16  # from which its initial angle is narrowed
 SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
 
 
-class FaultHypothesis(NamedTuple):
-    """What may have broken: words about fins, and their numbers."""
-
-    words: tuple[tuple[str, str], ...]  #: (fin, word) each.
-    numbers: tuple[float, ...]  #: As many; 0 of a word that has none.
-
-    def then(self, other: FaultHypothesis) -> FaultHypothesis:
-        """Return both: what broke before, and what broke then."""
-        return FaultHypothesis(self.words + other.words, self.numbers + other.numbers)
-
-    def __str__(self) -> str:
-        parts = [
-            f"{fin}:{word}" + (f"={number:.3g}" if word in NUMBER_RANGES else "")
-            for (fin, word), number in zip(self.words, self.numbers, strict=True)
-        ]
-        return "; ".join(parts) or "none"
-
-
 @dataclass(frozen=True, eq=False)
 class Recognised:
     """What explains the observations best.
 
     Attributes
     ----------
-    hypothesis, before
-        What broke, and the number of the robot that it happened to.
+    damage, before
+        What broke of its fins, and the number of the robot that it happened to.
     sensors
         What is broken of its sensors, in words.
     robot
@@ -99,10 +59,10 @@ class Recognised:
     explained
         Whether this explains most channels; False is "none of my hypotheses".
     alternatives
-        The best hypotheses of different words, the likeliest first.
+        The best damages of different words, the likeliest first.
     """
 
-    hypothesis: FaultHypothesis
+    damage: Damage
     before: int
     sensors: tuple[str, ...]
     robot: Scenario
@@ -114,50 +74,10 @@ class Recognised:
 class Alternative(NamedTuple):
     """What may have broken, and how likely that is among the alternatives."""
 
-    hypothesis: FaultHypothesis
+    damage: Damage
     #: Likelihood times prior at the best numbers, relative to the sum over the alternatives.
     weight: float
     robot: Scenario  #: What it would be: a scenario of one.
-
-
-def broken(robot: Scenario, hypotheses: Sequence[FaultHypothesis]) -> Scenario:
-    """Return the N robots that hypotheses make of one; those of the same words side by side."""
-    robots = robot.take(np.zeros(len(hypotheses), np.intp))
-    first = 0
-    while first < len(hypotheses):
-        words, last = hypotheses[first].words, first
-        while last < len(hypotheses) and hypotheses[last].words == words:
-            last += 1
-        rows = slice(first, last)
-        those = replace(robots, body=robots.body[rows], servo_gain=robots.servo_gain[rows])  # views
-        numbers = np.array([h.numbers for h in hypotheses[rows]]).reshape(last - first, len(words))
-        for (fin, word), number in zip(words, numbers.T, strict=True):
-            break_fin(those, fin, word, number)
-        first = last
-    return robots
-
-
-@cache
-def all_hypotheses() -> tuple[FaultHypothesis, ...]:
-    """Return nothing broken, each word, two words about two fins, and two sizes of one fin."""
-    singles = [(fin, word) for fin in FINS for word in FIRST_NUMBERS]
-    apart = [pair for pair in combinations(singles, 2) if pair[0][0] != pair[1][0]]
-    together = [
-        ((fin, one), (fin, other))
-        for fin in FINS
-        for one, other in combinations(("length", "width", "weak"), 2)
-    ]
-    shapes = [(), *((one,) for one in singles), *apart, *together]
-    return tuple(
-        FaultHypothesis(words, numbers)
-        for words in shapes
-        for numbers in product(*(FIRST_NUMBERS[word] for _, word in words))
-    )
-
-
-def _prior_cost(hypothesis: FaultHypothesis) -> float:
-    numbers = sum(word in NUMBER_RANGES for _, word in hypothesis.words)
-    return WORD_COST * len(hypothesis.words) + NUMBER_COST * numbers
 
 
 def recognise(
@@ -202,56 +122,62 @@ def recognise(
     # Compare all, then narrow the numbers of the best. Until a later onset the robot was as before.
     cases = [(b, onset) for b in range(len(before)) for onset in range(len(states))]
     until = COMPARED_ACTIONS + len(states)
-    prior = np.array([_prior_cost(one) for one in everything])
+    each = [(grid, row) for grid in everything for row in range(len(grid.numbers))]
+    sizes = [len(grid.numbers) for grid in everything]
+    prior = np.repeat([grid.prior_cost for grid in everything], sizes)
     earlier = [float(costs(before[0], 0, 0, k)[0]) if k else 0.0 for k in range(len(states))]
     banks = [broken(robot, everything) for robot in before]
     first = np.array([costs(banks[b], b, k, until) + prior + earlier[k] for b, k in cases])
     order = np.argsort(first, axis=None, kind="stable")[:NARROWED_HYPOTHESES]
-    chosen = [(i // len(everything), everything[i % len(everything)]) for i in order.tolist()]
+    chosen = []
+    for place in order.tolist():
+        case, number = divmod(place, len(prior))
+        grid, row = each[number]
+        chosen.append((case, grid.row(row)))
     spacing = FIRST_SPACING
-    best: dict[FaultHypothesis, tuple[float, int, FaultHypothesis]] = {}  # by their words
+    best: dict[FinFaults, tuple[float, int, DamageGrid]] = {}  # by their words
     for turn in range(NARROWING_ROUNDS):
         ends = []
         for case in sorted({case for case, _ in chosen}):
             (b, onset), ones = cases[case], [one for which, one in chosen if which == case]
-            tried = [_around(one, spacing) for one in ones]
-            flat = [one for several in tried for one in several]
-            values = costs(broken(before[b], flat), b, onset) + earlier[onset]
-            parts = np.split(values, np.cumsum([len(several) for several in tried])[:-1])
-            for one, part, several in zip(ones, parts, tried, strict=True):
-                total = float(part.min()) + _prior_cost(one)
-                ends.append((total, case, several[int(part.argmin())]))
+            tried = [one.around(spacing) for one in ones]
+            values = costs(broken(before[b], tried), b, onset) + earlier[onset]
+            parts = np.split(values, np.cumsum([len(grid.numbers) for grid in tried])[:-1])
+            for part, grid in zip(parts, tried, strict=True):
+                total = float(part.min()) + grid.prior_cost
+                ends.append((total, case, grid.row(int(part.argmin()))))
         ends.sort(key=lambda end: end[:2])
         for end in ends:
-            key = end[2]._replace(numbers=())
-            best[key] = min(end, best.get(key, end), key=lambda one: one[0])
+            words = end[2].words
+            best[words] = min(end, best.get(words, end), key=lambda one: one[0])
         chosen = [end[1:] for end in ends[: NARROWED_HYPOTHESES if turn < 1 else LATE_HYPOTHESES]]
         spacing /= SPACING_RATIO
-    case, hypothesis = chosen[0]
+    case, likeliest = chosen[0]
     b, onset = cases[case]
-    robot = broken(before[b], [hypothesis])
+    damage = likeliest.damage()
+    robot = damage.edit(before[b])
     robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSOR_FIELDS})
     predicted, ended = predict(robot, states[onset], actions[onset:], hold)
     used = np.isfinite(noise) & np.isfinite(observed).any(axis=0)
     errors = np.where(used, observed[onset:] - predicted[0], 0.0)
     silent &= used
-    robot, words, odd = _with_sensors(robot, errors, silent, zero, noise, tolerance)
+    robot, sensors, odd = _with_sensors(robot, errors, silent, zero, noise, tolerance)
     explained = odd <= max(1, int(used.sum()) // 3)
-    others = [(total, cases[k][0], one) for total, k, one in best.values()]
+    others = [(total, cases[k][0], one.damage()) for total, k, one in best.values()]
     return Recognised(
-        hypothesis, b, words, robot, ended[:, 0], explained, _alternatives(others, before)
+        damage, b, sensors, robot, ended[:, 0], explained, _alternatives(others, before)
     )
 
 
 def _alternatives(
-    found: list[tuple[float, int, FaultHypothesis]], before: Sequence[Scenario]
+    found: list[tuple[float, int, Damage]], before: Sequence[Scenario]
 ) -> tuple[Alternative, ...]:
-    """Return hypotheses about robots ``before`` with their weights, of costs in nats."""
+    """Return damages of robots ``before`` with their weights, of costs in nats."""
     found = sorted(found, key=lambda one: one[0])
     likelihoods = np.exp([found[0][0] - cost for cost, *_ in found])
     weights = (likelihoods / likelihoods.sum()).tolist()
     return tuple(
-        Alternative(one, weight, broken(before[b], [one]))
+        Alternative(one, weight, one.edit(before[b]))
         for weight, (_, b, one) in zip(weights, found, strict=True)
     )
 
@@ -368,14 +294,3 @@ def _with_sensors(
         "sensor_stuck": robot.sensor_stuck | kinds["stuck"] | odd,
     }
     return replace(robot, **sensors), tuple(words), int(odd.sum())
-
-
-def _around(hypothesis: FaultHypothesis, spacing: float) -> list[FaultHypothesis]:
-    """Return a hypothesis with its numbers on a grid about them."""
-    axes = [
-        np.unique(np.clip(number + spacing * STENCIL, *NUMBER_RANGES[word])).tolist()
-        if word in NUMBER_RANGES
-        else [number]
-        for (_, word), number in zip(hypothesis.words, hypothesis.numbers, strict=True)
-    ]
-    return [hypothesis._replace(numbers=numbers) for numbers in product(*axes)]

@@ -20,7 +20,7 @@ from aquafish.recovery.report import (
     shown_replicate,
     to_markdown,
 )
-from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
+from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up_treatments
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.api import check_engine
@@ -44,13 +44,13 @@ from gait.controllers.controller import Controller
 from gait.scores.transfer import TransferConfig
 from gait.search.evolve import EvolveConfig
 
-SCHEMA = "aquafish.recovery/1"
+REPORT_SCHEMA = "aquafish.recovery/1"
 REPORT, PAGE = "report.json", "report.html"
 ELSEWHERE = ("out", "workers", "scheduler", "redraw")  # options that the results do not depend on
 
 
 @dataclass(frozen=True)
-class Recover(Given):
+class CaseStudy(Given):
     """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
     Eleven treatments differ in the body that the gait is evolved for and in the search. DIR holds
@@ -138,7 +138,7 @@ class Recover(Given):
             if not self.redraw:
                 failures = run_jobs(
                     jobs, treat, folder, count=self.workers, scheduler=self.scheduler,
-                    warm_up=warm_up, describe=_distances,
+                    warm_up=warm_up_treatments, describe=_distances,
                 )  # fmt: skip
                 exit_if_failed(failures)
             self._publish(jobs, folder, settings)
@@ -218,7 +218,7 @@ class Recover(Given):
         pictures, svgs = draw_all(folder, job_shown, outcomes, self.format, self.film)
         versions = (read_manifest(folder) or {}).get("versions", {})
         report = build_report(settings, [versions], outcomes)
-        write_document(folder / REPORT, report, SCHEMA)
+        write_document(folder / REPORT, report, REPORT_SCHEMA)
         shown = shown_format(self.format)
         text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())

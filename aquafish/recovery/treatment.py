@@ -289,7 +289,7 @@ def _posterior(
     return posterior, {"angle_error": tuple(error), "believed_gain": tuple(fins.servo_gain)}
 
 
-def warm_up(jobs: Sequence[Treatment]) -> None:
+def warm_up_treatments(jobs: Sequence[Treatment]) -> None:
     """Compile all that treatments need: run two very small ones."""
     job = jobs[0]
     small = replace(job, transfer=replace(job.transfer, poses=1, seconds=0.1))

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import SelfModelAgent
-from aquafish.online.watch import CALIBRATION_ACTIONS
+from aquafish.online.monitor import CALIBRATION_ACTIONS
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded, viser_module
 from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish.viewer.thoughts import words_about
 from aquafish_gym.damage import Fault
-from aquafish_gym.damage.faults import PARTS
+from aquafish_gym.damage.words import PARTS, needs_number
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
@@ -224,8 +224,8 @@ class Viewer:
         return None if self.everyone.value else [self.number.value - 1]
 
     def _chosen_fault(self) -> Fault:
-        needed = PARTS[self.fin.value][self.fault.value]
-        number = None if needed is None or needed.optional else self.amount.value
+        needed = needs_number(PARTS[self.fin.value][self.fault.value])
+        number = self.amount.value if needed else None
         return Fault(self.fin.value, self.fault.value, number)
 
     def _clicked(self, event: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish.online import SelfModelAgent
+from aquafish.online.hypotheses import damage_text
 from aquafish.online.self_model import ATTITUDE_ERRORS, FIN_ERRORS, VELOCITY_ERRORS
 from aquafish.viewer.door import as_code
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -28,7 +29,9 @@ def words_about(agent: SelfModelAgent | None, calibrates_for: float) -> str:
     if agent.recognised is not None:
         several = agent.recognised.alternatives[:3]
         lines += [
-            f"{one.weight:.0%} {as_code(one.hypothesis)}" for one in several if one.weight > 0.005
+            f"{one.weight:.0%} {as_code(damage_text(one.damage))}"
+            for one in several
+            if one.weight > 0.005
         ]
     lines += [
         as_code(f"{e.seconds:.1f} s {e.what}: {e.about}") for e in reversed(agent.events[-6:])

@@ -15,13 +15,15 @@ from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, Range
+from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS, Chance, Tier
+from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, needs_number
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
-Parts = Mapping[str, Mapping[str, Range | None]]
+Parts = Mapping[str, Words]
 MAXIMUM_HOLD_STEPS = 10**6  # physics steps in a control step
 MAXIMUM_FAULTS = 100  # that one robot may have
 CHANCE_SCALES = 0.2, 0.9  # of what a size was, where any fin may break
@@ -116,7 +118,7 @@ class Damage:
         words = {fault.word for fault in self.faults if fault.part != RANDOM}
         tiers = [TIERS[fault.word] for fault in self.faults if fault.part == RANDOM]
         words |= {chance.word for tier in tiers for chance in tier.chances}
-        return not words.isdisjoint(("scale", "delay", "hold"))
+        return not words.isdisjoint(LINK_WORDS)
 
     @property
     def certain(self) -> Self:
@@ -143,6 +145,14 @@ class Damage:
                 raise InvalidArgumentError(
                     f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
                 )
+
+    def check_fits(self, morphology: Morphology, dt: float = TIMESTEP) -> None:
+        """Raise InvalidArgumentError if a fault is random, or at any time does not fit a robot.
+
+        ``dt`` is the length of a control step, s.
+        """
+        for _, active in self.stages(dt):
+            _resized(morphology, active)
 
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError if a delay or hold fits no steps of ``dt`` s."""
@@ -201,7 +211,7 @@ class Damage:
         InvalidArgumentError if a fault does not fit the body, or is random.
         """
         instance("morphology", morphology, Morphology)
-        return Morphology.from_array(_break(Scenario.create(morphology), self.faults).body[0])
+        return Morphology.from_array(_resized(morphology, self.faults))
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return :meth:`body`; InvalidArgumentError if something else is broken, or not always."""
@@ -258,12 +268,22 @@ def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scena
     return broken
 
 
+def _resized(morphology: Morphology, faults: Sequence[Fault]) -> Floats:
+    """Return the sizes (9,) of a body with the faults of its fins."""
+    body = morphology.to_array()[None]
+    for fault in faults:
+        fault.edit_sizes(body)
+    sizes: Floats = body[0]
+    return sizes
+
+
 def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]:
     """Return a fault with its onset drawn; of a tier, faults of different parts that begin then."""
-    if isinstance(fault.onset, tuple):
-        fault = replace(fault, onset=float(rng.uniform(*fault.onset)))
+    onset = fault.onset
+    if isinstance(onset, tuple):
+        onset = float(rng.uniform(*onset))
     if fault.part != RANDOM:
-        return [fault]
+        return [replace(fault, onset=onset)]
     tier = TIERS[fault.word]
     whole = dict(parts)
     found = []
@@ -278,9 +298,8 @@ def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]
         word, part = chance.word, str(rng.choice(fitting))
         number = float(rng.uniform(chance.low, chance.high))
         number *= int(rng.choice((-1, 1))) if word == "bias" else 1
-        range_ = whole.pop(part)[word]
-        takes = range_ is not None and not range_.optional
-        found.append(replace(fault, part=part, word=word, number=number if takes else None))
+        taken = number if needs_number(whole.pop(part)[word]) else None
+        found.append(replace(fault, part=part, word=word, number=taken, onset=onset))
     return found
 
 

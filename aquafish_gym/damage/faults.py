@@ -1,24 +1,35 @@
-"""The table of faults: the words about each part, and how they edit a scenario.
+"""One fault: a word about a part, and how it edits a scenario.
 
-A fault is a word about a part, with a number where the word takes one: ``caudal:length=0.5``.
+``aquafish_gym.damage.words`` has the words.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.damage.delays import MAXIMUM_DELAY_STEPS, STEP_ROUNDING
 from aquafish_gym.damage.sensors import GYRO_CHANNELS, Readings, break_link, break_sensor
-from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.damage.tiers import TIERS, Tier
+from aquafish_gym.damage.words import (
+    BODY_WORDS,
+    CHANNEL_WORDS,
+    LONGEST_SECONDS,
+    PARTS,
+    RANDOM,
+    SHORTEST_SECONDS,
+    Range,
+    Words,
+    needs_number,
+)
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
-from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN, Scenario
+from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -27,68 +38,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-SHORTEST_SECONDS = 1e-3
-LONGEST_SECONDS = 1e6
-LARGEST_NUMBER = 1e30  # of a number of an environment whose units are its own, in any precision
-RANDOM = "random"
 _COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
-
-
-class Range(NamedTuple):
-    """The number that a word takes."""
-
-    low: float
-    high: float
-    unit: str = ""
-    optional: bool = False
-
-
-_BODY: dict[str, Range | None] = {
-    **dict.fromkeys(SIZES, Range(0.0, np.inf)),
-    "missing": None,
-    "entangled": Range(0.0, 1.0),
-}
-
-
-def _link(scale: float, longest: float) -> dict[str, Range | None]:
-    """Return the words about what a channel carries, and when."""
-    late = Range(SHORTEST_SECONDS, longest, "s")
-    return {"scale": Range(-scale, scale), "delay": late, "hold": late}
-
-
-def _actuator(held: Range) -> dict[str, Range | None]:
-    """Return the words about an actuator, which may be seized where ``held`` says."""
-    return {"weak": Range(-2.0, 2.0), "reversed": None, "seized": held, "dead": None}
-
-
-def _sensor(bias: Range) -> dict[str, Range | None]:
-    """Return the words about a sensor."""
-    return {"bias": bias, "stuck": None, "dropped": None}
-
-
-_FISH_LINK = _link(LARGEST_SCALE, LONGEST_DELAY)
-_FIN = (
-    _BODY
-    | _actuator(Range(-np.pi, np.pi, "rad", optional=True))
-    | _link(2.0, LONGEST_DELAY)  # of the servo's speed, as "weak"
-)
-_DIRECTION = _sensor(Range(-2.0, 2.0)) | _FISH_LINK
-_RATE = _sensor(Range(-MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s")) | _FISH_LINK
-#: Part -> word -> its number, or None where it takes none.
-PARTS: Mapping[str, Mapping[str, Range | None]] = {
-    **dict.fromkeys(FINS, _FIN),
-    "gyro": {"noise": Range(0.0, MAXIMUM_SPIN, "rad/s")} | _FISH_LINK,
-    **{name: _RATE if name.startswith("gyro") else _DIRECTION for name in CHANNELS},
-}
-#: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``
-#: (from 3 to 5) or ``observation`` (all of them).
-CHANNEL_WORDS: Mapping[str, Mapping[str, Range | None]] = {
-    "action": _actuator(Range(-LARGEST_NUMBER, LARGEST_NUMBER, optional=True))
-    | _link(LARGEST_NUMBER, LONGEST_SECONDS),
-    "observation": {"noise": Range(0.0, LARGEST_NUMBER)}
-    | _sensor(Range(-LARGEST_NUMBER, LARGEST_NUMBER))
-    | _link(LARGEST_NUMBER, LONGEST_SECONDS),
-}
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
 
@@ -113,7 +63,8 @@ class Fault:
     Raises
     ------
     InvalidArgumentError, UnknownNameError
-        If there is no such part or word, or a number is missing or out of range.
+        If there is no such part or word, or a number is missing or out of range, here or in the
+        tier.
 
     Examples
     --------
@@ -131,11 +82,13 @@ class Fault:
         words = _words(self.part)
         wanted = words[one_of("damage", self.word, words)]
         name = f"damage {self.part}:{self.word}"
+        if self.part == RANDOM:
+            _check_tier(name, TIERS[self.word])
         if self.number is not None:
             if wanted is None:
                 raise InvalidArgumentError(f"{name} takes no number; got {brief(self.number)}")
             self._check("number", name, wanted)
-        elif wanted is not None and not wanted.optional:
+        elif needs_number(wanted):
             raise InvalidArgumentError(
                 f"{name} needs a number, for example {self.part}:{self.word}=0.5"
             )
@@ -149,11 +102,10 @@ class Fault:
                 )
             object.__setattr__(self, "onset", (early, late))
         else:
-            self._check("onset", "damage onset", Range(0.0, LONGEST_SECONDS, "s"))
+            self._check("onset", "damage onset", Range(0.0, LONGEST_SECONDS, unit="s"))
         if self.duration is not None:
-            self._check(
-                "duration", "damage duration", Range(SHORTEST_SECONDS, LONGEST_SECONDS, "s")
-            )
+            lasting = Range(SHORTEST_SECONDS, LONGEST_SECONDS, unit="s")
+            self._check("duration", "damage duration", lasting)
         angle = self.word == "seized" and self.number is not None and self.part in FINS
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
@@ -168,7 +120,7 @@ class Fault:
     @property
     def changes_body(self) -> bool:
         """Whether it changes a fin's sizes, and nothing else."""
-        return self.word in _BODY
+        return self.word in BODY_WORDS
 
     @property
     def is_random(self) -> bool:
@@ -223,24 +175,34 @@ class Fault:
 
     def edit(self, robots: Scenario) -> None:
         """Break robots, in place; InvalidArgumentError if it is random or does not fit them."""
-        if self.part == RANDOM:
-            raise InvalidArgumentError(
-                f"damage {self} is left to chance: sample it first (Damage.sample)"
-            )
+        self._check_certain()
         number = 0.0 if self.number is None else self.number
         if self.part in FINS:
             break_fin(robots, self.part, self.word, number)
             if self.word == "seized" and self.number is not None:
                 robots.fin_angles[:, FINS.index(self.part)] = number
-        elif self.channels is not None:
-            raise InvalidArgumentError(
-                f"damage {self} is of an environment's channels: give it to FaultWrapper"
-            )
         else:
             # Its tables are the robots' own, but for noise, which all axes of the gyro share.
             sensors = Readings.of(robots)._replace(noise=robots.gyro_noise[:, None])
             channels = GYRO_CHANNELS if self.part == "gyro" else CHANNELS.index(self.part)
             break_sensor(sensors, 0 if self.word == "noise" else channels, self.word, number)
+
+    def edit_sizes(self, body: Floats) -> None:
+        """Break the sizes of bodies (B, 9) alone, in place; errors as of :meth:`edit`."""
+        self._check_certain()
+        if self.part in FINS:
+            break_sizes(body, self.part, self.word, 0.0 if self.number is None else self.number)
+
+    def _check_certain(self) -> None:
+        """Raise InvalidArgumentError where it is random, or is none of a robot's."""
+        if self.part == RANDOM:
+            raise InvalidArgumentError(
+                f"damage {self} is left to chance: sample it first (Damage.sample)"
+            )
+        if self.channels is not None:
+            raise InvalidArgumentError(
+                f"damage {self} is of an environment's channels: give it to FaultWrapper"
+            )
 
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
@@ -250,7 +212,7 @@ class Fault:
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")
 
 
-def _words(part: object) -> Mapping[str, Range | None]:
+def _words(part: object) -> Words:
     """Return the words about a part; UnknownNameError if there is no such part."""
     part = instance("damage part", part, str)
     if part == RANDOM:
@@ -270,6 +232,21 @@ def _words(part: object) -> Mapping[str, Range | None]:
                 f"got {brief(part)}"
             )
     return PARTS[one_of("damage part", part, (*PARTS, RANDOM, *CHANNEL_WORDS))]
+
+
+def _check_tier(name: str, tier: Tier) -> None:
+    """Raise InvalidArgumentError if a tier, such as a user's, has a fault that no part can have."""
+    for chance in tier.chances:
+        tables = [_words(part) for part in chance.parts or (*PARTS, *CHANNEL_WORDS)]
+        known = dict.fromkeys(word for words in tables for word in words)
+        one_of(f"the word of {name}", chance.word, known)
+        numbers = [words[chance.word] for words in tables if chance.word in words]
+        ranges = [number for number in numbers if needs_number(number)]
+        if ranges and not any(n.low <= chance.low <= chance.high <= n.high for n in ranges):
+            raise InvalidArgumentError(
+                f"the number of {chance.word} in {name} must be from a low to a high in "
+                f"[{ranges[0].low:g}, {ranges[0].high:g}]; got {chance.low:g} to {chance.high:g}"
+            )
 
 
 def break_servo(
@@ -292,13 +269,8 @@ def break_fin(
 
     InvalidArgumentError if a size would exceed its maximum.
     """
-    body, fin = robots.body, FINS.index(part)
+    fin = FINS.index(part)
     match word:
-        case "missing":
-            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
-        case "entangled":
-            column = _COLUMNS[part, "width"]
-            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
         case "delay" | "hold":
             break_link(robots.servo_delay, robots.servo_hold, fin, word, number)
         case "weak" | "scale" | "reversed" | "seized" | "dead":
@@ -306,6 +278,23 @@ def break_fin(
             if word == "dead":
                 robots.fin_angles[:, fin] = np.nan  # random at the start
         case _:
+            break_sizes(robots.body, part, word, number)
+
+
+def break_sizes(
+    body: Floats, part: str, word: str, number: float | NDArray[np.float64] = 0.0
+) -> None:
+    """Break the sizes of a fin of bodies (B, 9), in place; other words than of sizes do nothing.
+
+    ``number`` is one for all or (B,). InvalidArgumentError if a size would exceed its maximum.
+    """
+    match word:
+        case "missing":
+            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
+        case "entangled":
+            column = _COLUMNS[part, "width"]
+            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
+        case _ if word in SIZES:
             column = _COLUMNS[part, word]
             dimension = DIMENSIONS[column]
             with np.errstate(over="ignore"):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage.damage import Damage, ways_to_break
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
-from aquafish_gym.damage.faults import CHANNEL_WORDS, RANDOM, Fault, break_servo
+from aquafish_gym.damage.faults import Fault, break_servo
 from aquafish_gym.damage.sensors import (
     LARGEST_SCALE_PRODUCT,
     Readings,
@@ -20,6 +20,7 @@ from aquafish_gym.damage.sensors import (
     break_sensor,
 )
 from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.damage.words import CHANNEL_WORDS, RANDOM
 from aquafish_gym.envs.robots import Schedule
 from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array

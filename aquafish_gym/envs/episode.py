@@ -71,8 +71,7 @@ class EpisodeConfig:
             found.damage.certain.check_onsets(self.limit)
         found.damage.check_steps(TIMESTEP * self.hold)
         if not found.damage.is_random:
-            body = found.morphology.to_array()[None]
-            found.damage.edit(Scenario.fill({"body": body}), self.hold)  # raises if it does not fit
+            found.damage.check_fits(found.morphology, TIMESTEP * self.hold)
         return found
 
 

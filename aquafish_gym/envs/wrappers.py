@@ -13,8 +13,8 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.damage.faults import LONGEST_SECONDS, SHORTEST_SECONDS
 from aquafish_gym.damage.sensors import ONLY_ROBOT
+from aquafish_gym.damage.words import LONGEST_SECONDS, SHORTEST_SECONDS
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels

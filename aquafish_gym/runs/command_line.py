@@ -25,8 +25,18 @@ from tyro.conf import arg
 
 from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
+from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.damage.words import (
+    BODY_WORDS,
+    LINK_WORDS,
+    NOISE_WORDS,
+    RANDOM,
+    SENSOR_WORDS,
+    SERVO_WORDS,
+    forms_of,
+)
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.runs.command_help import (
     FULL_HELP,
     SHORT_HELP,
@@ -35,6 +45,7 @@ from aquafish_gym.runs.command_help import (
     option_names,
     print_help,
 )
+from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.streams import keep_streams
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
@@ -53,15 +64,14 @@ RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.
 _FIN_DAMAGE = (
-    'FIN:SIZE=FACTOR, FIN:missing or FIN:entangled=SHARE, joined by ";", or none. FIN is '
-    "left_pectoral, right_pectoral or caudal; SIZE is length, width or thickness."
+    f'FIN:{forms_of(BODY_WORDS)}, joined by ";", or none. FIN is {FINS[0]}, {FINS[1]} or {FINS[2]}.'
 )
 _ANY_DAMAGE = (
-    f"{_FIN_DAMAGE} Or FIN:weak=GAIN, reversed, seized, seized=ANGLE, dead, of its servo; "
-    "gyro:noise=SD; CHANNEL:bias=BY, stuck, dropped, CHANNEL being up_x to gyro_z. FIN, gyro and "
-    "CHANNEL: scale=FACTOR, delay=SECONDS, hold=SECONDS. Each may end in @ONSET+DURATION, in s of "
-    "every trial."
+    f"{_FIN_DAMAGE} Or FIN:{forms_of(SERVO_WORDS)}, of its servo; gyro:{forms_of(NOISE_WORDS)}; "
+    f"CHANNEL:{forms_of(SENSOR_WORDS)}, CHANNEL being {CHANNELS[0]} to {CHANNELS[-1]}. FIN, gyro "
+    f"and CHANNEL: {forms_of(LINK_WORDS)}. Each may end in @ONSET+DURATION, in s of every trial."
 )
+_TIERS = ", ".join(f"{RANDOM}:{tier}" for tier in TIERS)
 _BODY = (
     'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '
     "without it, the nominal body."
@@ -81,7 +91,7 @@ BodyDamage = Annotated[
     str,
     arg(
         metavar="DAMAGE",
-        help=f"Damage of the body: {_FIN_DAMAGE} Only run and study take servos and sensors.",
+        help=f"Damage of the body: {_FIN_DAMAGE} Faults of servos and sensors are refused.",
     ),
 ]
 TargetMorphology = Annotated[
@@ -99,14 +109,13 @@ EpisodeDamage = Annotated[
     str,
     arg(
         metavar="DAMAGE",
-        help=f"Damage during training: {_ANY_DAMAGE} Or random:mild, random:moderate, "
-        "random:severe: a new draw in each episode.",
+        help=f"Damage during training: {_ANY_DAMAGE} Or {_TIERS}: a new draw in each episode.",
     ),
 ]
 # An option's settings: tyro takes lists of damages.
 FILMED_DAMAGE = arg(
     metavar="DAMAGE",
-    help=f"Damage of each fish: {_ANY_DAMAGE} Or random:mild, random:moderate, random:severe.",
+    help=f"Damage of each fish: {_ANY_DAMAGE} Or {_TIERS}.",
 )
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba"],

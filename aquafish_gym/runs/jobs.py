@@ -31,10 +31,10 @@ from aquafish_gym.utils.storage import (
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-SCHEMA, TIMES = "aquafish.result/1", "aquafish.times/1"
+RESULT_SCHEMA = "aquafish.result/1"
+TIMES_SCHEMA = "aquafish.times/1"
 TRIES = 3  # how often unfinished jobs are started if worker processes die
 SILENT_SECONDS = 25.0  # at most without a line
-BEAT_SECONDS = 5.0  # between two looks whether a line is due
 COMPILING = "what is not compiled yet compiles first, for up to a minute"  # in every worker
 _LONGEST = 300  # characters of a failure's reason
 
@@ -110,10 +110,11 @@ def run_jobs(
                 else:
                     path = folder / job.file
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    result = decode_document(content, job.name, SCHEMA)
+                    result = decode_document(content, job.name, RESULT_SCHEMA)
                     if "seconds" in result:
-                        write_document(_times(path), {"seconds": result.pop("seconds")}, TIMES)
-                        content = encode_document(result, SCHEMA)
+                        times = {"seconds": result.pop("seconds")}
+                        write_document(_times(path), times, TIMES_SCHEMA)
+                        content = encode_document(result, RESULT_SCHEMA)
                     write_bytes(path, content)
                     report(f"{job.name}  {describe(result)}".rstrip(), 1)
                 left.remove(job)
@@ -164,8 +165,8 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
     path = folder / job.file
     if not path.exists():
         return None
-    times = read_document(_times(path), TIMES, "times") if _times(path).exists() else {}
-    return read_document(path, SCHEMA, "result") | times
+    times = read_document(_times(path), TIMES_SCHEMA, "times") if _times(path).exists() else {}
+    return read_document(path, RESULT_SCHEMA, "result") | times
 
 
 def _times(path: Path) -> Path:
@@ -176,7 +177,7 @@ def _times(path: Path) -> Path:
 def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, str]:
     """Run a job; return its file's bytes, or ``None`` and the reason."""
     try:
-        return encode_document(work(job), SCHEMA), ""
+        return encode_document(work(job), RESULT_SCHEMA), ""
     except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}, line {place.lineno}"
@@ -244,5 +245,5 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
 
         if total:
             report(f"{jobs} jobs, {jobs - total} done already, {total} to do; {COMPILING}", 0)
-        with every(min(BEAT_SECONDS, SILENT_SECONDS), beat):
+        with every(min(5.0, SILENT_SECONDS), beat):  # is a line due?
             yield report

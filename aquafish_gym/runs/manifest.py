@@ -21,7 +21,7 @@ from aquafish_gym.utils.storage import ensure_writable_directory, read_document,
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK, SETTINGS = ".aquafish.lock", "settings.json"
-SCHEMA = "aquafish.folder/1"
+FOLDER_SCHEMA = "aquafish.folder/1"
 REMOVES_OPEN_FILES = os.name != "nt"
 LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",
@@ -87,7 +87,7 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     path = folder / SETTINGS
     if not path.exists():
         return None
-    document = read_document(path, SCHEMA, "out")
+    document = read_document(path, FOLDER_SCHEMA, "out")
     if not isinstance(document.get("kind"), str) or not isinstance(document.get("settings"), dict):
         raise InvalidArgumentError(f"out: {path} does not say what the folder holds")
     return document
@@ -121,7 +121,7 @@ def write_manifest(
         if found:
             raise InvalidArgumentError(f"{rule} {' and '.join(found)} but no {SETTINGS}")
         document = {"kind": kind, "settings": asked, "versions": versions()}
-        write_document(folder / SETTINGS, document, SCHEMA)
+        write_document(folder / SETTINGS, document, FOLDER_SCHEMA)
         return
     if before["kind"] != kind:
         raise InvalidArgumentError(f"{rule} {before['kind']}")

@@ -28,7 +28,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
 from eea.fish import RealityGap
 from eea.study.presets import ARMS, FIGURE_ARMS, smoke
-from eea.study.replicate import StudyWorld, replicate, warm_up
+from eea.study.replicate import StudyWorld, replicate, warm_up_replicates
 from eea.study.study import Study, extended, write_description
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
@@ -137,7 +137,7 @@ class StudyCommand(Given):
             done = finished(folder, jobs)
             missing = [job for job in jobs if job not in done]
             if missing:
-                warm_up(missing)
+                warm_up_replicates(missing)
             write_description(folder, document)
             jobs.sort(key=lambda job: -job.config.steps)  # the longest first
             failures = run_jobs(

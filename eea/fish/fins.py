@@ -12,7 +12,8 @@ from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
-from eea.fish.joint import LAG, SERVO, SERVO_GAIN
+from eea.fish.hypotheses import SERVO
+from eea.fish.joint import LAG, SERVO_GAIN
 from eea.joint.joint_posterior import INTERVAL_SAMPLES, JointPosterior
 
 

@@ -1,4 +1,4 @@
-"""The fish as a problem of joint inference: its nuisances and fault hypotheses."""
+"""The fish as a problem of joint inference: its signal, nuisances and discrepancy."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
+from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
     Calibration,
     Discrepancy,
-    Hypothesis,
     Nuisance,
     Part,
     Values,
@@ -39,16 +39,12 @@ HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
 LOUDEST_NOISE = 0.3
 HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
 
-#: The switch of each fin's servo.
-SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
-
 SIZE_NAMES = tuple(d.name for d in DIMENSIONS)
 CURRENT = tuple(f"current {axis}" for axis in "xyz")
 DRAG = tuple(f"drag of the {what}" for what in ("fins", "body"))
 SERVO_GAIN = "servo gain"
 GYRO_BIAS = tuple(f"gyro bias {axis}" for axis in "xyz")
 LAG = "lag"
-REACTIVE_WATER = "reactive water"
 START_VELOCITY = tuple(f"start velocity {axis}" for axis in "xyz")
 START_SPIN = tuple(f"start spin {axis}" for axis in "xyz")
 
@@ -73,38 +69,6 @@ NUISANCES: tuple[Nuisance, ...] = (
 START_NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(name, -2.0, 2.0, 0.0, 0.5, start=True) for name in START_VELOCITY),
     *(Nuisance(name, -0.5, 0.5, 0.0, 0.1, start=True) for name in START_SPIN),
-)
-
-# A seized servo is stuck at one angle; a dead one does not move, but its angle differs from trial
-# to trial; a reversed one turns the other way; a weak one has any share of its speed, either way.
-AS_COMMANDED = Hypothesis("every servo does as it is told")
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    *(
-        Hypothesis(
-            f"the {word} is missing",
-            {d.name: 0.0 for d in DIMENSIONS if d.fin == fin},
-            part=word,
-        )
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is seized", {SERVO[fin]: 0.0}, (fin,), part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is dead", {SERVO[fin]: 0.0}, part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is reversed", {SERVO[fin]: -1.0}, part=word)
-        for fin, word in FIN_WORDS.items()
-        if fin != "caudal"
-    ),
-    *(
-        Hypothesis(f"the servo of the {word} is weak", freed=(SERVO[fin],), part=word)
-        for fin, word in FIN_WORDS.items()
-    ),
-    Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0}),
 )
 
 

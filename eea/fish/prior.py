@@ -12,7 +12,8 @@ import numpy as np
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
 from eea.core.checks import ConfigurationError, choice, real
-from eea.fish.joint import SERVO, fish_robot
+from eea.fish.hypotheses import SERVO, fault_hypothesis
+from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
@@ -122,15 +123,18 @@ def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
 
 def _changes(fin: str) -> list[Hypothesis]:
     """Return the ways in which a fin may change, all equally probable."""
-    word = FIN_WORDS[fin]
-    sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
-    servo = (SERVO[fin],)
+    weak = fault_hypothesis(fin, "weak")
     return [
-        Hypothesis(f"the {word} has other sizes", moves=dict.fromkeys(sizes, ANYWHERE)),
         Hypothesis(
-            f"the servo of the {word} has another speed", freed=servo, moves={SERVO[fin]: ANYWHERE}
+            f"the {FIN_WORDS[fin]} has other sizes",
+            moves={d.name: ANYWHERE for d in DIMENSIONS if d.fin == fin},
         ),
-        Hypothesis(f"the {word} is missing", dict.fromkeys(sizes, 0.0)),
+        replace(
+            weak,
+            name=f"the {SERVO[fin]} has another speed",
+            moves=dict.fromkeys(weak.freed, ANYWHERE),
+        ),
+        fault_hypothesis(fin, "missing"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Change detection: tests whether windows of a swim still fit the posterior of the body.
+"""Change detection in a log: tests whether its windows still fit the posterior of the body.
 
 Each window is fitted with the posterior as the prior, so that neither its unknown initial state nor
 the posterior's uncertainty counts as a change. For the same body

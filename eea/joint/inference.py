@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from eea.core.angles import Floats
-from eea.core.checks import callback, choice, finite, instance
+from eea.core.checks import ConfigurationError, callback, choice, finite, instance
 from eea.core.config import FitConfig
 from eea.joint.discrepancy import doubted
 from eea.joint.goodness_of_fit import effective_count
@@ -85,6 +85,8 @@ def fit(
         instance("earlier", earlier, JointPosterior)
     callback("progress", progress)
     callback("doubt", doubt)
+    if usual is not None and len(usual := finite("usual", usual, (None,))) < 2:
+        raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
     counter = _Counter(robot.simulate, robot.takes_precision)

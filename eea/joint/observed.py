@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, instance
+from eea.core.checks import ConfigurationError, brief, instance
 from eea.joint.problem import Values
 from eea.joint.robot import Robot
 
@@ -39,7 +39,7 @@ class Trial:
     inputs: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        signal = np.array(self.signal, np.float64)
+        signal = _numbers("signal", self.signal)
         if signal.ndim != 2 or not np.isfinite(signal).any():
             raise ConfigurationError(
                 "signal must have shape (samples, channels) and a finite sample; got shape "
@@ -48,6 +48,22 @@ class Trial:
         if np.isinf(signal).any():
             raise ConfigurationError("signal must be finite, or NaN where missing; got infinity")
         object.__setattr__(self, "signal", signal)
+        if self.inputs is not None:
+            inputs = _numbers("inputs", self.inputs)
+            if not np.isfinite(inputs).all():
+                raise ConfigurationError(f"inputs must be finite; got {brief(self.inputs)}")
+            object.__setattr__(self, "inputs", inputs)
+
+
+def _numbers(argument: str, value: object) -> Floats:
+    """Return numbers, of any shape, as an array of their own."""
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError, RecursionError):
+        given = np.array(None)
+    if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        raise ConfigurationError(f"{argument} must be numbers; got {brief(value)}")
+    return np.array(given, np.float64)
 
 
 class Noise(NamedTuple):
@@ -182,14 +198,14 @@ class Observed:
         """Which samples there are, (E, T) or (E, T, axes)."""
         if self.weight is None:
             return np.ones(self.signal.shape[:2], np.bool_)
-        return np.asarray(self.weight > 0.0)
+        return np.asarray(self.weight > 0.0, np.bool_)
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """The number of samples of each trial, up to the last that is not missing."""
-        any_channel = self._there if self._there.ndim == 2 else self._there.any(axis=2)
-        last = any_channel.shape[1] - any_channel[:, ::-1].argmax(axis=1)
-        return tuple(np.where(any_channel.any(axis=1), last, 0).tolist())
+        any_axis = self._there.reshape(*self.signal.shape[:2], -1).max(axis=2)
+        last = any_axis.shape[1] - any_axis[:, ::-1].argmax(axis=1)
+        return tuple(np.where(any_axis.max(axis=1), last, 0).tolist())
 
     @property
     def missing(self) -> int:

@@ -150,7 +150,7 @@ def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise | None, se
         and parameters.prior_precision[i] < FIXED_PRECISION
         and base not in starts
     ]
-    inverse: Floats = np.linalg.pinv(mode.information, hermitian=True)
+    inverse = np.asarray(np.linalg.pinv(mode.information, hermitian=True), np.float64)
     covariance = inverse[np.ix_(entries, entries)]
     names = tuple(bases[i] for i in entries)
     return LogFit(optima, names, mode.theta[entries], covariance)

@@ -169,6 +169,8 @@ class Robot:
         for name, kind in {"prior": Prior, "discrepancy": Discrepancy}.items():
             if getattr(self, name) is not None:
                 instance(name, getattr(self, name), kind)
+        if not (isinstance(self.loudest, float) and self.loudest == math.inf):
+            real("loudest", self.loudest, 0.0)
         whole("stride", self.stride, 1, 1000)
         whole("at_once", self.at_once, 1, MOST_AT_ONCE)
         if len(set(self.names)) < len(self.names):
@@ -298,7 +300,9 @@ class Robot:
 def _checked_range(name: str, ends: object) -> tuple[float, float]:
     """Return the two ends of a parameter's range."""
     if not isinstance(ends, list | tuple) or len(ends) != 2:
-        raise ConfigurationError(f"{name} must have a range (low, high); got {brief(ends)}")
+        raise ConfigurationError(
+            f"parameters must be ranges (low, high) by name; got {brief(ends)} of {brief(name)}"
+        )
     low, high = ends
     real(f"low of {name}", low, -math.inf)
     real(f"high of {name}", high, math.nextafter(low, math.inf))

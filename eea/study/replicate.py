@@ -92,7 +92,7 @@ class Replicate:
         )
 
 
-def warm_up(jobs: Sequence[Replicate]) -> None:
+def warm_up_replicates(jobs: Sequence[Replicate]) -> None:
     """Refuse wrong settings, and run small replicates so that the kernels are compiled.
 
     Raises as ``Replicate.session``.

@@ -18,9 +18,8 @@ from eea.core.angles import Floats
 from eea.core.config import CONDITIONS, Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.joint import HYPOTHESES
+from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES
 from eea.joint.joint_posterior import JointPosterior
-from eea.fish.joint import AS_COMMANDED
 from eea.study.presets import smoke
 from experiments.reality_gap.worlds import WORLDS, gap_of, seized_of
 from gait import Controller

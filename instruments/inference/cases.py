@@ -10,7 +10,8 @@ import numpy as np
 
 from eea import FitConfig, JointConfig, JointInference
 from eea.core.session import streams
-from eea.fish.joint import AS_COMMANDED, fish_robot
+from eea.fish.hypotheses import AS_COMMANDED
+from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.least_squares import FINE, Misfit, descend

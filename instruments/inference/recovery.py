@@ -19,7 +19,7 @@ from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.scenario import Scenario
 from eea import SwimLog, infer_log
 from eea.core.config import FitConfig
-from eea.fish.joint import SERVO
+from eea.fish.hypotheses import SERVO
 from eea.fish.windows import Start
 from eea.joint.joint_posterior import JointPosterior
 from instruments.inference.robots import SPANS, Floats
@@ -132,7 +132,7 @@ def _recognised(
     began = time.process_time()
     found = recognise([Scenario.create()], [state], observed, actions, sd, tolerance, HOLD)
     seconds = time.process_time() - began
-    named = [any(fin == one for one, _ in found.hypothesis.words) for fin in FINS]
+    named = [any(fin == fault.part for fault in found.damage) for fin in FINS]
     return _judged(found.robot.body[0], found.robot.servo_gain[0], truth, seconds, named)
 
 

@@ -11,8 +11,8 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import Swimming, imagine, load_library
+from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
-from aquafish.online.watch import ErrorCalibration, SurpriseMonitor
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.world_config import WorldConfig
@@ -174,12 +174,12 @@ def test_a_refined_gait_is_no_worse_by_imagination() -> None:
     assert imagine([found.controller], robot, model.state, 10.0)[0] == found.fitness
 
 
-def test_a_watch_needs_more_than_it_saw_while_nothing_broke() -> None:
-    watch = SurpriseMonitor()
+def test_a_monitor_needs_more_than_it_saw_while_nothing_broke() -> None:
+    monitor = SurpriseMonitor()
     for _ in range(20):
-        assert not watch.add(500.0, 3, calm=True)
-    assert not watch.add(500.0, 3)
-    assert watch.add(5000.0, 3)
+        assert not monitor.add(500.0, 3, calm=True)
+    assert not monitor.add(500.0, 3)
+    assert monitor.add(5000.0, 3)
 
 
 def test_looking_ahead_is_imagining_the_gait_that_is_swum() -> None:

@@ -12,8 +12,8 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
+from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import MODEL_ERROR, SelfModel
-from aquafish.online.watch import ErrorCalibration, SurpriseMonitor
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.validation import InvalidArgumentError

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from aquafish.recovery.command import Recover
+from aquafish.recovery.command import CaseStudy
 from aquafish.recovery.page import damage_in_words
 from aquafish.recovery.report import shown_replicate
 from aquafish_gym import Damage, Morphology
@@ -52,7 +52,7 @@ def test_the_shown_replicate_has_the_median_gain(gains: list[float], shown: int)
 
 
 def test_the_commands_on_the_page_name_what_differs_from_the_defaults() -> None:
-    study = Recover(held_out=True, format=("svg", "pdf"), film=False, seed=3, out=Path("x"))
+    study = CaseStudy(held_out=True, format=("svg", "pdf"), film=False, seed=3, out=Path("x"))
     recover, film = study._commands(study.treatments()[0])
     assert recover == "aquafish recover --held-out --seed 3 --format svg pdf --no-film"
     assert film == (

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from aquafish.recovery.command import SCHEMA
+from aquafish.recovery.command import REPORT_SCHEMA
 from aquafish.recovery.report import build_report, to_markdown
 from aquafish_gym.utils.storage import encode_document
 
@@ -23,7 +23,7 @@ def report() -> dict[str, Any]:
 
 
 def test_the_committed_report_follows_from_its_replicates(report: dict[str, Any]) -> None:
-    assert encode_document(report, SCHEMA) == (COMMITTED / "report.json").read_bytes()
+    assert encode_document(report, REPORT_SCHEMA) == (COMMITTED / "report.json").read_bytes()
     text = (COMMITTED / "report.md").read_text(encoding="utf-8")
     assert text.startswith(to_markdown(report).rstrip())
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
-from aquafish_gym.runs.jobs import SCHEMA
+from aquafish_gym.runs.jobs import RESULT_SCHEMA
 from aquafish_gym.utils.storage import encode_document, write_document
 from eea.study import study
 from eea.study.replicate import ReplicateKey
@@ -102,5 +102,5 @@ def write_records(folder: Path, arm, steps, seed, records) -> Path:
     path = folder / key.file
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {"job": key.file, **key._asdict(), "stopped": "rounds", "rounds": records}
-    path.write_bytes(encode_document(content, SCHEMA))
+    path.write_bytes(encode_document(content, RESULT_SCHEMA))
     return path

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from aquafish_gym.runs.command_line import parse
-from aquafish_gym.runs.jobs import SCHEMA as RESULT
+from aquafish_gym.runs.jobs import RESULT_SCHEMA
 from aquafish_gym.runs.manifest import write_manifest
 from aquafish_gym.utils.storage import read_document
 from eea.__main__ import REFUSED_ERRORS as ERRORS
@@ -150,7 +150,8 @@ def test_joint_inference_is_an_arm_with_the_same_hidden_angles(tmp_path):
     ]
     assert main([*arguments, "--workers", "1", "--out", str(tmp_path)]) == 0
     joint, none = (
-        read_document(tmp_path / f"runs/{arm}/32/0.json", RESULT) for arm in ("joint", "none")
+        read_document(tmp_path / f"runs/{arm}/32/0.json", RESULT_SCHEMA)
+        for arm in ("joint", "none")
     )
     assert [r["true_angles"] for r in joint["rounds"]] == [r["true_angles"] for r in none["rounds"]]
     sure = joint["belief"]

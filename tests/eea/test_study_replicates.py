@@ -18,7 +18,7 @@ from eea.core.config import (
     OutOfBandConfig,
     PaperConfig,
 )
-from eea.study.replicate import Replicate, StudyWorld, replicate, warm_up
+from eea.study.replicate import Replicate, StudyWorld, replicate, warm_up_replicates
 
 CONFIG = PaperConfig(
     condition="none",
@@ -71,7 +71,7 @@ def test_the_seeds_and_the_conditions_differ_and_the_hidden_angles_are_paired(do
 
 
 def test_a_rehearsal_refuses_what_no_replicate_could_run():
-    assert warm_up([make(), make(condition="in-band")]) is None
+    assert warm_up_replicates([make(), make(condition="in-band")]) is None
     nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
     with pytest.raises(InvalidArgumentError, match="current must be finite"):
-        warm_up([nowhere])
+        warm_up_replicates([nowhere])

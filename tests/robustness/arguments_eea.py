@@ -15,12 +15,14 @@ from eea import (
     Hypothesis,
     JointConfig,
     JointInference,
-    JointProblem,
+    Normal,
     Nuisance,
     PaperConfig,
     Problem,
     RecordedLog,
+    Robot,
     Simulator,
+    Trial,
     Trials,
     Variable,
     action_layout,
@@ -40,29 +42,35 @@ LAYOUT = BitLayout([LENGTH])
 PENDULUM = Problem(LAYOUT, action_layout([("torque", -1.0, 1.0)]), ("angle",), 1)
 
 
-def swing(bodies: Any, nuisances: Any, commands: Any, angles: Any, fine: bool) -> Any:  # noqa: ARG001
+def swing(values: Any, commands: Any) -> Any:
     """Simulate a pendulum."""
-    time = 0.01 * np.arange(1, 65)
-    return (bodies[:, :1] * np.sin(commands[:, :1] * time + angles))[:, :, None]
+    phase = commands[:, :1] * 0.01 * np.arange(1, 65) + values["angle"][:, None]
+    return (values[LENGTH.name][:, None] * np.sin(phase))[:, :, None]
 
 
 def listen(*_news: object) -> None:
     """Hear of progress."""
 
 
-class Robot(Simulator):
+class Pendulum(Simulator):
     """A pendulum, as target and as simulator."""
 
     def perform(self, command: Any) -> RecordedLog:
         """Perform a command."""
-        return RecordedLog(swing(np.ones((1, 1)), None, command[None], np.zeros((1, 1)), True))
+        values = {LENGTH.name: np.ones(1), "angle": np.zeros(1)}
+        return RecordedLog(swing(values, command[None]))
 
     def simulate(self, trials: Trials) -> RecordedLog:
         """Run trials."""
-        return RecordedLog(swing(trials.models, None, trials.commands, trials.angles, True))
+        values = {LENGTH.name: trials.models[:, 0], "angle": trials.angles[:, 0]}
+        return RecordedLog(swing(values, trials.commands))
 
 
-JOINT = JointProblem(PENDULUM, swing, (Nuisance("bias", -0.1, 0.1, 0.0),))
+SWINGING = Robot(
+    {LENGTH.name: (0.0, 3.0)}, swing, {"gyro": "rad/s"},
+    nuisances=(Nuisance("bias", -0.1, 0.1, 0.0),), hidden=("angle",),
+)  # fmt: skip
+RECORDED = Trial(np.zeros((64, 1)), [1.0])
 SETTINGS = {
     "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
@@ -124,21 +132,22 @@ ROWS = [
     Call(
         EEA,
         {
-            "target": Robot(), "simulator": Robot(), "problem": PENDULUM,
+            "target": Pendulum(), "simulator": Pendulum(), "problem": PENDULUM,
             "config": PaperConfig(condition="none", steps=64), "seed": 0, "truth": [1.0],
         },
         options(truth="none"),
         {"target": "target"},
     ),
     Call(
-        EEA(Robot(), Robot(), PENDULUM, PaperConfig(condition="none", steps=64, rounds=1)).run,
+        EEA(Pendulum(), Pendulum(), PENDULUM, PaperConfig(condition="none", steps=64, rounds=1)).run,
         {"progress": listen},
         options(progress=f"none, {CALLABLE}"),
     ),
     Call(
         JointInference,
         {
-            "target": Robot(), "joint": JOINT, "config": JointConfig(steps=64), "seed": 0,
+            "target": Pendulum(), "robot": SWINGING, "problem": PENDULUM,
+            "config": JointConfig(steps=64), "seed": 0,
             "truth": [1.0],
         },
         options(truth="none"),
@@ -160,11 +169,13 @@ ROWS = [
         Hypothesis,
         {
             "name": "the servo is dead", "fixed": {"servo": 0.0}, "shared_angles": ("angle",),
-            "freed": (), "part": "tail", "changed": (), "changes": 1, "odds": 1.0,
+            "freed": (), "part": "tail", "moves": {"length": Normal(0.0, 1.0)}, "changes": 1,
+            "odds": 1.0, "hint": "swim",
         },
         options(
             name="text", fixed="mapping, empty mapping", part="text, empty text",
-            odds="fraction, big", shared_angles=NAMES, freed=NAMES, changed=NAMES,
+            odds="fraction, big", shared_angles=NAMES, freed=NAMES, moves="empty mapping",
+            hint="text, empty text",
         ),
     ),
     Call(
@@ -187,26 +198,45 @@ ROWS = [
     ),
     Call(Calibration, {"levels": (0.01, 0.1), "rows": ((0.8, 0.9), (1.0, 0.7))}),
     Call(
-        JointProblem,
+        Normal,
+        {"mean": 0.0, "sd": 1.0, "low": -3.0, "high": 3.0},
+        options(
+            mean="minus one, fraction, big", sd="fraction, infinity, big",
+            low="minus one, fraction", high="fraction, big, infinity",
+        ),
+    ),
+    Call(
+        Trial,
+        {"signal": np.zeros((4, 1)), "inputs": np.zeros(2)},
+        options(inputs="none, minus one, fraction, big, empty list, cube"),
+    ),
+    Call(
+        Robot,
         {
-            "problem": PENDULUM, "simulate": swing, "nuisances": (), "hypotheses": (),
-            "parts": {}, "nominal": Hypothesis("all is well"), "prior": None, "hidden": ("angle",),
-            "discrepancy": None, "stride": 1,
+            "parameters": {"length": (0.0, 3.0)}, "simulate": swing, "channels": {"gyro": "rad/s"},
+            "whole": {"length": 1.0}, "nuisances": (), "each_trial": (), "hidden": ("angle",),
+            "hypotheses": (), "at_once": 1, "units": {}, "parts": {},
+            "nominal": Hypothesis("all is well"), "prior": None, "discrepancy": None, "stride": 1,
+            "loudest": 1.0,
         },
         options(
-            simulate=CALLABLE, nuisances="empty list", hypotheses="empty list",
-            parts="empty mapping", prior="none", hidden="none, empty list", discrepancy="none",
+            simulate=CALLABLE, nuisances="empty list, empty mapping",
+            hypotheses="none, empty list", parts="empty mapping", units="empty mapping",
+            whole="empty mapping", each_trial="empty list", prior="none", hidden="empty list, list of text",
+            discrepancy="none", loudest="fraction, big, infinity",
         ),
     ),
     Call(
         fit,
         {
-            "observed": Observed(np.zeros((1, 1)), np.zeros((1, 64, 1))), "joint": JOINT,
+            "observed": Observed(np.zeros((1, 1)), np.zeros((1, 64, 1))), "robot": SWINGING,
             "config": FitConfig(bodies=2, descents=1, polished=1, restarts=0),
             "rng": np.random.default_rng(0), "earlier": None, "progress": listen, "doubt": None,
+            "usual": None,
         },
         options(
             earlier="none", progress=f"none, {CALLABLE}", doubt=f"none, {CALLABLE}",
+            usual="none",
         ),
     ),
 ]  # fmt: skip

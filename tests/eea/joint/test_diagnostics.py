@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.fish.joint import AS_COMMANDED
+from eea.fish.hypotheses import AS_COMMANDED
 from eea.joint.diagnostics import Fit, findings
 from eea.joint.posterior import Posterior
 from eea.joint.problem import Hypothesis, Part

@@ -27,7 +27,8 @@ from eea import (
 from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.joint import SERVO, fish_robot
+from eea.fish.hypotheses import SERVO
+from eea.fish.joint import fish_robot
 from eea.fish.prior import UNCHANGED_NAME, since
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import Start, log_windows

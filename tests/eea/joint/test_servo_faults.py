@@ -33,7 +33,9 @@ def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -
     target = EngineTarget(None, damage, streams(1)["target"], STEPS, "numba", gap=gap)
     joint = fish_robot(EngineSimulator(STEPS, threads=1))
     some = tuple(h for h in joint.hypotheses if f"servo of the {part}" in h.name)
-    result = JointInference(target, replace(joint, hypotheses=some), fish_problem(), config, 1).run()
+    result = JointInference(
+        target, replace(joint, hypotheses=some), fish_problem(), config, 1
+    ).run()
     assert isinstance(result.belief, JointPosterior)
     return result.belief
 

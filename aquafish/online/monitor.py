@@ -1,4 +1,7 @@
-"""Change detection: do observations differ from predictions by more than noise and model error?"""
+"""Change detection in mid-swim: do observations surprise the filter more than its own error does?
+
+Changes in a recorded log, without a state before them, are ``eea.joint.change_detection``'s.
+"""
 
 from __future__ import annotations
 
