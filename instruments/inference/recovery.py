@@ -54,7 +54,7 @@ def measure_recovery(number: int, rng: np.random.Generator) -> dict[str, Any]:
     lanes = LaneBatch(whole, np.float64, threads=1)
     for command in scale_action(actions[:onset]):
         lanes.advance(command[None], HOLD)
-    state = lanes.rows()[:, 0]
+    state = lanes.states[:, 0].astype(np.float64)
     after = scale_action(actions[onset:])
     log = SwimLog(
         np.round(DT * np.arange(ACTIONS + 1), 9),

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aquafish_gym import simulate
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.trials import lane_batch, one_world, random_trials, rotations
 
@@ -71,14 +72,14 @@ def test_world_commanded_step_by_step_equals_the_series() -> None:
 def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
     servos: dict[str, Any] = {"servo_gain": GAINS, "reactive": reactive, "substeps": 2}
     whole = swim(lag=LAGS, **servos)
-    first = lane_batch(BODIES, ANGLES, dtype=np.float64, **servos)
-    first.advance(SERIES, cut, lag=LAGS, interval=INTERVAL)
+    first = lane_batch(BODIES, ANGLES, dtype=np.float64, servo_lag=LAGS, **servos)
+    first.log(SERIES, cut, "gyro", INTERVAL)
     now = first.state()
-    turned = rotations(now["rpy"])
+    turned = rotations(first.states[FIELDS["rpy"]].T)
     rest = simulate(
-        BODIES, SERIES, now["fin_angles"], steps=STEPS - cut, dtype="float64", record="gyro",
-        interval=INTERVAL, begun=cut, lag=LAGS, spin=now["gyro"],
-        velocity=np.einsum("bji,bj->bi", turned, now["velocity"]), **servos,
+        BODIES, SERIES, angles_of_rows(first.states).T, steps=STEPS - cut, dtype="float64",
+        record="gyro", interval=INTERVAL, begun=cut, lag=LAGS, spin=np.transpose(now.spin),
+        velocity=np.einsum("bji,jb->bi", turned, np.array(now.velocity)), **servos,
     )  # fmt: skip
     assert_allclose(rest.gyro, whole.gyro[:, cut:], rtol=0, atol=1e-11)
 

@@ -151,7 +151,7 @@ class BulletWorld(World):
         self._set(scenario)
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
-    def update(self, scenario: Scenario) -> None:
+    def _update(self, scenario: Scenario) -> None:
         self._check_usable()
         was = self._column
         self._set(scenario)
