@@ -200,8 +200,6 @@ def test_what_does_not_fit_is_refused() -> None:
         rollout(program, whole(), TASKS[1], interval=5)
     with pytest.raises(InvalidArgumentError, match="goal"):
         rollout(program, whole(), seconds=1.0)
-    with pytest.raises(InvalidArgumentError, match="servo_lag must be 0"):
-        swim(TASKS[1], replace(whole(), servo_lag=np.full(ROBOTS, 0.1)))
     with pytest.raises(InvalidArgumentError, match=r"interval must divide the 410 steps.+got 20"):
         rollout(program, whole(), TASKS[1], seconds=4.1)
     with pytest.raises(InvalidArgumentError, match="one kind"):

@@ -57,7 +57,7 @@ def rollout(
     policy
         A :class:`Program` for all robots, or a function for each.
     scenario
-        Robots, water and faults. Servo lags need a policy that is no program.
+        Robots, water and faults.
     task
         What is rewarded; it may have a goal, a current, and a memory. Only the built-in tasks are
         compiled: in a task of another class a program swims one robot at a time, much slower. So
@@ -80,8 +80,9 @@ def rollout(
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
     start
-        States (25, B) to begin in, as ``LaneBatch.rows``, of programs in the compiled engine; None
-        begins at rest, or as the scenario says.
+        States (25, B) to begin in, as ``LaneBatch.states``, of programs in the compiled engine;
+        None begins at rest, or as the scenario says. Earlier commands are 0: servos with a lag
+        stand until it is over.
 
     Raises
     ------

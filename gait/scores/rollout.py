@@ -144,7 +144,7 @@ def swim_all(
     threads
         None uses every core; no result depends on it.
     world
-        The water and the servos, without a lag; None is ``WorldConfig()``.
+        The water and the servos; None is ``WorldConfig()``.
     believed, believed_gain
         What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, and
         servo gains (3,) or (Q, 3). None for the true ones. Refused if none senses them.
@@ -167,7 +167,7 @@ def swim_all(
     >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
     (0, 2)
     """
-    controllers, world = check_controllers(controllers), lane_world(world)
+    controllers, world = check_controllers(controllers), check_world(world)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     state = None if start is None else check_state(start)
@@ -262,7 +262,7 @@ def swim(
         acts in an environment: a function of observations, an object with ``act``, or with
         ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
     morphology, fin_angles, seconds, world
-        Of one swim; otherwise as of :func:`swim_all`. A ``world`` may have a lag.
+        Of one swim; otherwise as of :func:`swim_all`.
     believed, believed_gain
         What a controller, agent or model that senses its fins assumes, as of :func:`swim_all`.
         Refused if it does not, or has beliefs of its own, as an agent has of its gains.
@@ -324,16 +324,6 @@ def held_steps(controller: object, interval: int | None = None) -> int:
 def check_world(world: WorldConfig | None) -> WorldConfig:
     """Return a world; None is the default."""
     return _MODEL_WORLD if world is None else instance("world", world, WorldConfig)
-
-
-def lane_world(world: WorldConfig | None) -> WorldConfig:
-    """Return a world without a lag, which batches do not have; None is the default."""
-    world = check_world(world)
-    if world.lag:
-        raise InvalidArgumentError(
-            f"world.lag must be 0 in a batch; got {world.lag:g} s. gait.swim has lags"
-        )
-    return world
 
 
 def step_count(seconds: float) -> int:

@@ -173,9 +173,9 @@ def score(
 ) -> Scored:
     """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, 3).
 
-    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers,
-    PyBullet and a ``world`` with a lag take one pose after the other. ``angle_error`` and
-    ``believed_gain`` are as in :class:`TransferConfig`. Raises as :func:`gait.swim`.
+    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers
+    and PyBullet take one pose after the other. ``angle_error`` and ``believed_gain`` are as in
+    :class:`TransferConfig`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world = check_world(world)
@@ -192,8 +192,7 @@ def score(
         fins = pose + error if beliefs.angles else None
         return swim(controller, morphology, pose, engine, seconds, world, fins, known)
 
-    batch = resolve_engine("engine", engine) == "numba" and not world.lag
-    if isinstance(controller, Controller) and batch:
+    if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":
         distances = swim_all(
             [controller], morphology, angles, seconds, "float64",
             world=world, believed=angles + error if beliefs.angles else None, believed_gain=known,

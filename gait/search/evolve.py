@@ -31,7 +31,7 @@ from gait.scores.fitness import Swims, draw_swims, every_pair, swim_scores
 from gait.scores.rollout import (
     ZERO_POSE,
     check_state,
-    lane_world,
+    check_world,
     random_poses,
     spread_poses,
     stream,
@@ -140,8 +140,8 @@ def evolve_gait(
         and a sample's ``bodies.json``, saved every second. An unfinished run of the same bodies
         and settings resumes, and ends in the same files as without the interruption.
     world
-        The water and the servos, without a lag; None is ``WorldConfig()``. The robot knows its
-        servos: controllers that sense their fins integrate their commands with the world's gains.
+        The water and the servos; None is ``WorldConfig()``. The robot knows its servos' gains:
+        controllers that sense their fins integrate their commands with them.
     cpu_seconds
         CPU time of this process after which the search ends with the generation that it is in; it
         includes compilation. The result depends on the computer then. A search in ``out`` that
@@ -157,7 +157,7 @@ def evolve_gait(
         is in use, or holds another run or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
-    world = lane_world(world)
+    world = check_world(world)
     bodies = body_array(morphologies)
     callback("on_generation", on_generation)
     state = None if start is None else check_state(start)
