@@ -74,6 +74,7 @@ class MujocoWorld(World):
         self.diverged = False
         self._build(scenario)
         self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
+        self.data.qvel[:BASE] = [*scenario.velocity[0], *scenario.spin[0]]
 
     def _update(self, scenario: Scenario) -> None:
         if np.array_equal(scenario.body[0], self._body):

@@ -119,6 +119,8 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
             fin_angles=rng.uniform(-3.0, 3.0, (len(rows), 3)),
             servo_gain=rng.uniform(-1.0, 1.0, (len(rows), 3)),
             current=rng.uniform(-0.3, 0.3, (len(rows), 3)),
+            velocity=rng.uniform(-0.3, 0.3, (len(rows), 3)),
+            spin=rng.uniform(-0.5, 0.5, (len(rows), 3)),
             servo_lag=lag(len(rows)),
         )
 

@@ -52,6 +52,7 @@ def test_servo_angles_integrate_the_series(engine: str) -> None:
 @pytest.mark.parametrize("lag", [0.0, LAGS])
 def test_the_engines_agree_on_series(lag: Any) -> None:
     options: dict[str, Any] = {"lag": lag, "servo_gain": GAINS}
+    options |= {"velocity": (0.1, 0.5, -0.2), "spin": (0.3, -0.2, 0.1)}
     ours, bullet = (swim(engine=engine, **options) for engine in ("numba", "pybullet"))
     assert_allclose(ours.gyro, bullet.gyro, rtol=0, atol=1e-9)
 
@@ -93,7 +94,7 @@ def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
         ({"begun": -1}, "begun must be a whole number of at least 0"),
         ({"spin": (0.0, 0.0, 101.0)}, r"spin\[0, 2\] must lie in"),
         ({"velocity": np.zeros((2, 3))}, "velocity and spin must be equally many"),
-        ({"engine": "pybullet", "begun": 3}, 'begun, velocity and spin must be 0 .* "pybullet"'),
+        ({"engine": "pybullet", "begun": 3}, 'begun must be 0 .* "pybullet"'),
         ({"engine": "pybullet", "dtype": "float32"}, "dtype must be \"float64\" .* 'float32'"),
         ({"engine": "pybullet", "threads": 2}, "threads None .* got 'float64' and 2"),
         ({"commands": SERIES[:, 0]}, r"interval must be 1 for commands that are held throughout"),

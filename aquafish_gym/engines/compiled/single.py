@@ -89,7 +89,8 @@ class CompiledWorld(World):
         self._reactive = False
 
     def _start(self, scenario: Scenario) -> None:
-        self._numbers[STATE_ENTRIES] = start_rows(scenario.fin_angles)[STATE_ENTRIES, 0]
+        start = start_rows(scenario.fin_angles, scenario.velocity, scenario.spin)
+        self._numbers[STATE_ENTRIES] = start[STATE_ENTRIES, 0]
         self._reactive = scenario.reactive
         self.diverged = False
         self._update(scenario)
