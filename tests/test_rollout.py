@@ -13,7 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward, Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout import Trajectories, rollout
-from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agent import ControllerAgent

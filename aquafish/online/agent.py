@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import MAXIMUM_REFINED_NODES, Swimming, imagine, load_library
+from aquafish.online.gaits import (
+    MAXIMUM_REFINED_NODES,
+    act_in,
+    begin_gait,
+    imagine,
+    load_library,
+    swim_ahead,
+)
 from aquafish.online.hypotheses import damage_text
 from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
 from aquafish.online.recognition import Recognised
@@ -166,7 +173,7 @@ class SelfModelAgent:
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
-        self._swimming = Swimming(self.library[0], self.hold)
+        self._swimming = begin_gait(self.library[0])
         self._refined: deque[Controller] = deque(maxlen=REFINED_GAITS)
 
     @property
@@ -177,7 +184,7 @@ class SelfModelAgent:
     @property
     def gait(self) -> Controller:
         """The controller that it swims."""
-        return self._swimming.gait
+        return self._swimming.controller
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
@@ -206,7 +213,7 @@ class SelfModelAgent:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
             self._thoughts.remove(thought)
             self._use(thought)
-        self._action = self._swimming.act(self.model.state)
+        self._action = act_in(self._swimming, self.model.state)
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
@@ -246,7 +253,7 @@ class SelfModelAgent:
         self.model = calibration.model
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
-            self._swimming = Swimming(self.library[0], self.hold)
+            self._swimming = begin_gait(self.library[0])
         self._foreign = calibration.foreign
         if self._steps == WATER_ACTIONS and calibration.other_water:
             self._log("water", calibration.other_water)
@@ -288,7 +295,7 @@ class SelfModelAgent:
         self.events.append(thought.event)
         if isinstance(thought.result, Controller):
             if thought.result is not self.gait:
-                self._swimming = Swimming(thought.result, self.hold)
+                self._swimming = begin_gait(thought.result)
                 self._refined.append(thought.result)
             self._refine()
             return
@@ -317,11 +324,11 @@ class SelfModelAgent:
             return
         gaits = self._gaits
         far = imagine(gaits, self.model.robot, self.model.state, left)
-        _, going_on = self._swimming.ahead(self.model, 0, round(left / self.dt))
+        _, going_on = swim_ahead(self._swimming, self.model, 0, round(left / self.dt))
         about = f"to go on, which should make {going_on:.1f} units"
         if far.max() > going_on:
             best = int(far.argmax())
-            self._swimming = Swimming(gaits[best], self.hold)
+            self._swimming = begin_gait(gaits[best])
             name = f"gait {best}" if best < len(self.library) else "a gait refined before"
             about = f"{name}, which should make {far.max():.1f} units"
         self._log("chose", about, time.process_time() - began)
@@ -345,7 +352,7 @@ class SelfModelAgent:
             return
         self._rounds -= 1
         until = actions + round(left / self.dt)
-        state, expected = self._swimming.ahead(self.model, actions, until)
+        state, expected = swim_ahead(self._swimming, self.model, actions, until)
         first = self.gait
         if len(first.bias) > MAXIMUM_REFINED_NODES:
             small = [gait for gait in self._gaits if len(gait.bias) <= MAXIMUM_REFINED_NODES]

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.rollout.many import swim_many
-from aquafish_gym.rollout.one import act_alone, swim_one
+from aquafish_gym.rollout.one import swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,

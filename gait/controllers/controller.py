@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rollout import Program
-from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
