@@ -30,14 +30,13 @@ from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.bodies import body_array
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
-from experiments.league.policy import CLOCK, LARGEST, SENSES, Offline, Policy, drive
+from experiments.league.policy import CLOCK, INTERVAL, LARGEST, SENSES, Offline, Policy, drive
 from gait.learning.train import GAMMA, isolated_rng, load_extra
 
 TIERS = ("severe", "moderate", "mild")
 DAMAGE = "gyro:noise=0.01; random:{}@15-30"
 ROBOTS = 256
 HORIZON = 50  # actions of a robot between two updates
-INTERVAL = 20  # steps of 0.01 s of an action
 EPISODE = 300  # actions
 
 
