@@ -115,18 +115,14 @@ class Beliefs(NamedTuple):
         begins = any(callable(getattr(controller, name, None)) for name in ("reset", "begin"))
         return cls(reckons or (isinstance(controller, Agent) and begins), reckons)
 
-    def check(self, **given: tuple[str, object, bool]) -> None:
-        """Raise InvalidArgumentError for an argument that was given and has no effect.
 
-        A keyword is a field of this class; its value holds the argument's name, its value, and
-        whether it was given.
-        """
-        for field, (name, value, is_given) in given.items():
-            if is_given and not getattr(self, field):
-                raise InvalidArgumentError(
-                    f"{name} must not be given to a controller that does not sense its fins or has "
-                    f"beliefs of its own; got {brief(value)}"
-                )
+def refuse_unused(is_used: bool, name: str, belief: object) -> None:
+    """Raise InvalidArgumentError for a belief that a controller does not use; None is not given."""
+    if belief is not None and not is_used:
+        raise InvalidArgumentError(
+            f"{name} must not be given to a controller that does not sense its fins or has "
+            f"beliefs of its own; got {brief(belief)}"
+        )
 
 
 def make_pilot(

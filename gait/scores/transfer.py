@@ -19,7 +19,7 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.controllers.pilots import AgentLike, Beliefs
+from gait.controllers.pilots import AgentLike, Beliefs, refuse_unused
 from gait.scores.rollout import (
     MAXIMUM_POSES,
     SECONDS,
@@ -104,7 +104,8 @@ class Transfer:
     poses: NDArray[np.float64] = field(repr=False)
 
     def __str__(self) -> str:
-        first, second = self.native, self.target
+        first = self.native
+        second = self.target
         random = f"{len(self.poses)} random poses"
         return (
             f"{'units of 5 cm':20s}   native   target\n"
@@ -182,10 +183,8 @@ def score(
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
     gain = finite_array("believed_gain", believed_gain, (3,))
     beliefs = Beliefs.of(controller)
-    beliefs.check(
-        angles=("angle_error", angle_error, bool(error.any())),
-        gains=("believed_gain", believed_gain, bool((gain != 1.0).any())),
-    )
+    refuse_unused(beliefs.angles, "angle_error", angle_error if error.any() else None)
+    refuse_unused(beliefs.gains, "believed_gain", believed_gain if (gain != 1.0).any() else None)
     known = gain if beliefs.gains else None
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:
