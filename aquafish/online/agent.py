@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import (
-    MAXIMUM_REFINED_NODES,
     act_in,
     begin_gait,
+    gait_to_refine,
     imagine,
     load_library,
     swim_ahead,
@@ -169,7 +169,8 @@ class SelfModelAgent:
         self._action = np.zeros(3, np.float32)
         self._broken = Damage()
         self._case: Case | None = None
-        self._quiet, self._foreign = 0, False
+        self._quiet = 0
+        self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
@@ -206,8 +207,8 @@ class SelfModelAgent:
         if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
             raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
         if self._steps:
-            readings, most = given.reshape(-1)[: len(CHANNELS)], limits(False, False)
-            self._observe(observed_directions(valid_readings(readings, most)))
+            readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
+            self._observe(observed_directions(readings))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
@@ -260,7 +261,8 @@ class SelfModelAgent:
             self._change_gait()
         if enough:
             self._monitor, self._drift = calibration.finish()
-            self._intact, self._calibration = self.model.robot, None
+            self._intact = self.model.robot
+            self._calibration = None
             self._change_gait()
 
     def _open(self) -> Case:
@@ -268,7 +270,8 @@ class SelfModelAgent:
         used = np.isfinite(noise_of(self._intact))
         exact = not self.config.gyro_noise and self._drift[used].max() < CHANNEL_TOLERANCE
         back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
-        before, broken = [self.model.robot], [self._broken]
+        before = [self.model.robot]
+        broken = [self._broken]
         if self.model.robot is not self._intact:  # what broke may have ended
             before, broken = [*before, self._intact], [*broken, Damage()]
         first = max(len(self._moments) - 1 - back, 0)
@@ -303,7 +306,8 @@ class SelfModelAgent:
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
-        state, since = found.state, self._steps - round(thought.event.seconds / self.dt)
+        state = found.state
+        since = self._steps - round(thought.event.seconds / self.dt)
         if since:
             actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
@@ -319,7 +323,8 @@ class SelfModelAgent:
 
     def _change_gait(self) -> None:
         """Swim the best known gait from now on, and refine it meanwhile."""
-        began, left = time.process_time(), self._left(0)
+        began = time.process_time()
+        left = self._left(0)
         if left < self.dt:
             return
         gaits = self._gaits
@@ -353,12 +358,9 @@ class SelfModelAgent:
         self._rounds -= 1
         until = actions + round(left / self.dt)
         state, expected = swim_ahead(self._swimming, self.model, actions, until)
-        first = self.gait
-        if len(first.bias) > MAXIMUM_REFINED_NODES:
-            small = [gait for gait in self._gaits if len(gait.bias) <= MAXIMUM_REFINED_NODES]
-            if not small:
-                return
-            first = small[int(imagine(small, robot, state, left).argmax())]
+        first = gait_to_refine(self.gait, self._gaits, robot, state, left)
+        if first is None:
+            return
         found = evolve_gait(
             robot.body[0],
             EvolveConfig(

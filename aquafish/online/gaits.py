@@ -52,6 +52,19 @@ def imagine(
     return far[:, 0]
 
 
+def gait_to_refine(
+    swum: Controller, gaits: Sequence[Controller], robot: Scenario, state: Floats, seconds: float
+) -> Controller | None:
+    """Return the gait that is swum; if it is too large to refine, the best small one, if any.
+
+    The others are compared as by :func:`imagine`.
+    """
+    if swum.nodes <= MAXIMUM_REFINED_NODES:
+        return swum
+    small = [gait for gait in gaits if gait.nodes <= MAXIMUM_REFINED_NODES]
+    return small[int(imagine(small, robot, state, seconds).argmax())] if small else None
+
+
 def begin_gait(gait: Controller) -> ControllerAgent:
     """Return an agent that swims a gait, beginning now; see :func:`act_in`."""
     agent = ControllerAgent(gait)

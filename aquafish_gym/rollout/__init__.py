@@ -138,7 +138,8 @@ def rollout(
         memory = finite_array("memory", memory, (batch, None), flat=True)
     needed = ever(scenario, "gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
-        needed, memory = True, [task.begin(rng) for rng in rngs]
+        needed = True
+        memory = [task.begin(rng) for rng in rngs]
     if needed and len(rngs) != batch:
         raise InvalidArgumentError(
             f"rngs must be one for each of the {batch} robots, for noise or the task's memory; "

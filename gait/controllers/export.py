@@ -89,10 +89,12 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
 
 def c_source(controller: Controller, name: str) -> str:
     """Return a controller as a C file whose functions' names begin with ``name``."""
-    senses, layers = controller.senses, controller.layers or (1,) * controller.nodes
+    senses = controller.senses
+    layers = controller.layers or (1,) * controller.nodes
     nodes, sources = np.nonzero(controller.weights)
     first = np.searchsorted(nodes, np.arange(controller.nodes + 1))
-    clipped, hidden = controller.output == "clip", len(layers) > 1
+    clipped = controller.output == "clip"
+    hidden = len(layers) > 1
     activation = "NAME_tanh(z)"
     if clipped:
         activation = "NAME_clip(z, 1.0f)"
@@ -146,7 +148,8 @@ def c_source(controller: Controller, name: str) -> str:
         "tanh": hidden or not clipped,
     }
     # In the template, a line "//? part" begins what only some controllers have, and "//." ends it.
-    lines, kept = [], True
+    lines = []
+    kept = True
     template = files("gait.controllers").joinpath("controller.c").read_text(encoding="utf-8")
     for line in template.splitlines():
         if line.startswith("//"):

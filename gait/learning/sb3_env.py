@@ -143,7 +143,8 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         self._sum[mask] = 0.0
         entries = self._entries(info)
         self._begun(mask, entries)
-        table, everyone = Table(entries), bool(mask.all())
+        table = Table(entries)
+        everyone = bool(mask.all())
         for i in np.flatnonzero(mask).tolist():
             # Of a few, for none of them to keep the information of all.
             self.reset_infos[i] = RobotInfo(table, i) if everyone else table.row(i)
@@ -167,7 +168,8 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         """
         raw, rewards, terminated, truncated, info = self.envs.step(self._actions)
         self._sum += rewards * self._dt
-        observations, done = self._of_space(self._observe(raw)), terminated | truncated
+        observations = self._of_space(self._observe(raw))
+        done = terminated | truncated
         entries = self._entries(info) | {"TimeLimit.truncated": truncated & ~terminated}
         if done.any():
             entries |= {"terminal_observation": observations, "_terminal_observation": done}
