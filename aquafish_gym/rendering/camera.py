@@ -55,11 +55,13 @@ class Camera:
     def look(self, robot: Floats) -> CameraView:
         """Return the view that follows a robot at this position (3,)."""
         target = robot if self.target is None else np.array(self.target)
-        a, e = math.radians(self.azimuth), math.radians(self.elevation)
+        a = math.radians(self.azimuth)
+        e = math.radians(self.elevation)
         back = np.array([math.sin(a) * math.cos(e), -math.cos(a) * math.cos(e), math.sin(e)])
         right = np.array([math.cos(a), math.sin(a), 0.0])
         slope = math.tan(math.radians(self.field_of_view) / 2)
-        eye, up = target + self.distance * back, np.cross(back, right)
+        eye = target + self.distance * back
+        up = np.cross(back, right)
         return CameraView(eye, right, up, -back, slope, self.distance)
 
 

@@ -43,7 +43,8 @@ def draw(
         *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     ]
-    half, centres = robots.sizes / 2, robots.poses[..., :3]
+    half = robots.sizes / 2
+    centres = robots.poses[..., :3]
     table = [half, centres, np.stack(axes, axis=-1), robots.colours]
     table.append(np.sum(half**2, axis=-1, keepdims=True))  # of the radius of a ball that holds it
     parts = np.concatenate(table, axis=-1).reshape(-1, 19)
@@ -60,7 +61,8 @@ def draw(
                 shown[top:bottom, left:right] = _WATER
             elif depth.max() > NEAREST_DEPTH:
                 shown[:] = _WATER
-    picture, cover = np.empty((height, width, 3), np.uint8), np.zeros((height, width))
+    picture = np.empty((height, width, 3), np.uint8)
+    cover = np.zeros((height, width))
     frame = tuple(tuple(axis.tolist()) for axis in view[:4])
     camera = (*frame, 2 * view.slope / height, float(floor), _VISIBILITY * view.distance)
     colours = (scene.WATER_ABOVE, scene.WATER_BELOW, scene.SAND, scene.GRID)
@@ -99,20 +101,26 @@ def _paint_water(picture: Any, camera: Any, colours: Any) -> None:
         if clear > 0.004:
             x0 = eye[0] + along * (forward[0] + rise * up[0])
             y0 = eye[1] + along * (forward[1] + rise * up[1])
-            dx, dy = along * pixel * right[0], along * pixel * right[1]
+            dx = along * pixel * right[0]
+            dy = along * pixel * right[1]
             # The extent of a pixel on the floor is that to the next column and to the next row.
             deep = abs(up[2] * pixel / fall)
-            rx, ry = abs(dx) + along * pixel * abs(up[0]), abs(dy) + along * pixel * abs(up[1])
+            rx = abs(dx) + along * pixel * abs(up[0])
+            ry = abs(dy) + along * pixel * abs(up[1])
             for i in range(width):
-                x, y = x0 + (i + 0.5 - width / 2) * dx, y0 + (i + 0.5 - width / 2) * dy
-                bx, by = rx + deep * abs(x - eye[0]) + 1e-9, ry + deep * abs(y - eye[1]) + 1e-9
-                narrow, wide = scene.GRID_SPACING, scene.MAIN_GRID_SPACING
+                x = x0 + (i + 0.5 - width / 2) * dx
+                y = y0 + (i + 0.5 - width / 2) * dy
+                bx = rx + deep * abs(x - eye[0]) + 1e-9
+                by = ry + deep * abs(y - eye[1]) + 1e-9
+                narrow = scene.GRID_SPACING
+                wide = scene.MAIN_GRID_SPACING
                 thin = max(_line(x, narrow, 0.05, bx), _line(y, narrow, 0.05, by))
                 thick = max(_line(x, wide, 0.1, bx), _line(y, wide, 0.1, by))
                 line[i] = max(0.45 * thin, 0.8 * thick)
         for c in range(3):
             water = colours[0, c] + (j + 0.5) / height * (colours[1, c] - colours[0, c])
-            sand, mark = colours[2, c], colours[3, c] - colours[2, c]
+            sand = colours[2, c]
+            mark = colours[3, c] - colours[2, c]
             for i in range(width):
                 ground = sand + line[i] * mark
                 picture[j, i, c] = np.uint8(water + clear * (ground - water) + 0.5)
@@ -136,7 +144,8 @@ def _dot(a: Any, b: Any) -> Any:
 @_jit
 def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
     """Return the distance along a ray to a capsule about y, and the normal there."""
-    radius, end = half[0], half[1] - half[0]
+    radius = half[0]
+    end = half[1] - half[0]
     a = max(d[0] * d[0] + d[2] * d[2], 1e-12)
     b = o[0] * d[0] + o[2] * d[2]
     square = b * b - a * (o[0] * o[0] + o[2] * o[2] - radius * radius)
@@ -165,7 +174,8 @@ def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
         slope = 1 / (d[k] if abs(d[k]) > 1e-9 else 1e-9)
         far = min(far, abs(slope) * half[k] - o[k] * slope)
         if -abs(slope) * half[k] - o[k] * slope > near:
-            near, axis = -abs(slope) * half[k] - o[k] * slope, k
+            near = -abs(slope) * half[k] - o[k] * slope
+            axis = k
     if near > far or near <= 0:
         return _FAR, (0.0, 0.0, 0.0)
     side = -1.0 if d[axis] > 0 else 1.0
@@ -183,7 +193,8 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
         b = _dot(q, d)
         if m == skip or parts[m, 0] == 0 or _dot(q, q) - b * b > parts[m, 18]:
             continue
-        o, along = _into(parts, m, q), _into(parts, m, d)
+        o = _into(parts, m, q)
+        along = _into(parts, m, d)
         half = (parts[m, 0], parts[m, 1], parts[m, 2])
         t, n = _hit_capsule(half, o, along) if m % 9 == 0 else _hit_box(half, o, along)
         if t < best:
@@ -217,7 +228,8 @@ def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tup
     facing = _dot(normal, light)
     place = (eye[0] + t * d[0], eye[1] + t * d[1], eye[2] + t * d[2])
     lit = facing > 0 and _trace(parts, m, place, _LIGHT)[1] < 0
-    bright, gloss = 0.5 + 0.18 * _dot(normal, _into(parts, m, (0.0, 0.0, 1.0))), 0.0
+    bright = 0.5 + 0.18 * _dot(normal, _into(parts, m, (0.0, 0.0, 1.0)))
+    gloss = 0.0
     if lit:
         bright += 0.55 * facing
         mirrored = _dot(d, _LIGHT) - 2 * facing * _dot(normal, _into(parts, m, d))
@@ -251,7 +263,8 @@ def _paint_robots(
     for j in range(height):
         for i in range(width):
             if shown[j, i] != _UNSEEN:
-                side, rise = (i + 0.5 - width / 2) * pixel, (height / 2 - j - 0.5) * pixel
+                side = (i + 0.5 - width / 2) * pixel
+                rise = (height / 2 - j - 0.5) * pixel
                 behind = (float(water[j, i, 0]), float(water[j, i, 1]), float(water[j, i, 2]))
                 shown[j, i], colour = _look(camera, parts, side, rise, behind)
                 cover[j, i] = shown[j, i] >= 0
@@ -266,7 +279,8 @@ def _paint_robots(
                 and here == shown[j, max(i - 1, 0)] == shown[j, min(i + 1, width - 1)]
             ):
                 continue
-            total[:], cover[j, i] = 0.5, 0.0
+            total[:] = 0.5
+            cover[j, i] = 0.0
             behind = (float(water[j, i, 0]), float(water[j, i, 1]), float(water[j, i, 2]))
             for k in range(4):  # at the corners of a turned square
                 side = (i + (1, 5, 3, 7)[k] / 8 - width / 2) * pixel

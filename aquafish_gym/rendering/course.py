@@ -73,7 +73,8 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         raise InvalidArgumentError("swims must be at least one; got none")
     for i, swim in enumerate(swims):
         _check(f"swims[{i}]", swim)
-    lanes, x = [], 0.0
+    lanes = []
+    x = 0.0
     for swim in swims:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
         columns: tuple[Any, ...] = swim[1:]
@@ -100,7 +101,8 @@ def _check(argument: str, swim: FilmedSwim) -> None:
     utf8_text(f"the label of {argument}", swim.label)
     samples = len(np.atleast_1d(swim.time))
     for name, width in _WIDTHS.items():
-        column, shape = np.asarray(getattr(swim, name)), (samples, *width)
+        column = np.asarray(getattr(swim, name))
+        shape = (samples, *width)
         if not fits(column.shape, shape) or column.dtype.kind not in "fiub":
             raise InvalidArgumentError(
                 f"{argument}.{name} must be numbers of shape {spelled(shape)}; "

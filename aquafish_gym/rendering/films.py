@@ -98,7 +98,8 @@ def film_frames(
     size = max(10, height // 24)
     from PIL import Image, ImageDraw, ImageFont  # environments never need it
 
-    font, edge = ImageFont.load_default(size), size // 2
+    font = ImageFont.load_default(size)
+    edge = size // 2
     for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
         now = (
@@ -131,10 +132,12 @@ def fitting_view(points: Floats, aspect: float) -> CameraView:
     view = camera.look(np.zeros(3))
     around = np.array(list(itertools.product((-FISH_ROOM, FISH_ROOM), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
-    centre, far = [], []
+    centre = []
+    far = []
     for across, slope in ((x, view.slope * aspect), (y, view.slope)):
         # Points are in the frame where |across - centre| <= slope (z + distance).
-        high, low = (across / slope - z).max(), (-across / slope - z).max()
+        high = (across / slope - z).max()
+        low = (-across / slope - z).max()
         centre.append(slope * (high - low) / 2)
         far.append((high + low) / 2)
     eye = centre[0] * view.right + centre[1] * view.up - max(far) * view.forward
@@ -156,7 +159,8 @@ def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     """Return a film as .gif or .webp."""
     from PIL import Image
 
-    pause, content = 1000 / fps, BytesIO()
+    pause = 1000 / fps
+    content = BytesIO()
     if suffix == ".gif":
         pause = 10 * max(2, round(100 / fps))  # viewers slow down anything shorter than 20 ms
     pictures = map(Image.fromarray, frames)

@@ -47,5 +47,6 @@ def render_pose(
         *([morphology.to_array()], [[fin in broken for fin in FINS]]),
         *([position], [quaternion / length], [angles]),
     )
-    view, floor = (camera or Camera()).look(position), floor_below(position[None])
+    view = (camera or Camera()).look(position)
+    floor = floor_below(position[None])
     return caster.draw(view, floor, robots, width, height)[0]

@@ -129,7 +129,8 @@ def _columns(lane: FilmedSwim) -> bytes:
     constant takes no room.
     """
     count = len(lane.time)
-    origin, upright = np.zeros((count, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
+    origin = np.zeros((count, 3))
+    upright = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
     robots = scene.place_robots(lane.bodies, lane.broken, origin, upright, lane.fin_angles)
     parts = np.concatenate([robots.poses, robots.sizes, robots.colours / 255], axis=-1)
     table = np.concatenate([lane.position, lane.quaternion, parts.reshape(count, -1)], axis=1)

@@ -94,7 +94,8 @@ def place_robots(
     fin_angles
         (N, 3): left and right pectoral angle and caudal phase, rad.
     """
-    fins, marked = np.array(bodies, float).reshape(-1, 3, 3), np.array(broken)[..., None]
+    fins = np.array(bodies, float).reshape(-1, 3, 3)
+    marked = np.array(broken)[..., None]
     shown = np.count_nonzero(fins > 0, axis=-1, keepdims=True) >= 2
     drawn = np.maximum(fins, _THINNEST)
     ends = np.where(shown, drawn * (1, 0, 1) + _RIM, _LOST)

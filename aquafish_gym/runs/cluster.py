@@ -72,7 +72,8 @@ class _Cluster:
     """The workers of a connected client; see ``workers.Workers``."""
 
     def __init__(self, client: Any, executor: Executor) -> None:
-        self._client, self._executor = client, executor
+        self._client = client
+        self._executor = executor
         self._beats: dict[str, float] = {}
         self._answered = time.monotonic()
 

@@ -31,8 +31,8 @@ from aquafish_gym.utils.storage import (
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-RESULT_SCHEMA = "aquafish.result/1"
-TIMES_SCHEMA = "aquafish.times/1"
+SCHEMA = "aquafish.result/1"
+TIMES = "aquafish.times/1"
 TRIES = 3  # how often unfinished jobs are started if worker processes die
 SILENT_SECONDS = 25.0  # at most without a line
 COMPILING = "what is not compiled yet compiles first, for up to a minute"  # in every worker
@@ -103,7 +103,8 @@ def run_jobs(
             warm_up(list(left))
             futures = {executor.submit(run_job, work, job): job for job in left}
             for future in _as_completed(futures, executor, partial(report, ended=0)):
-                job, (content, reason) = futures[future], _answer(future)
+                job = futures[future]
+                content, reason = _answer(future)
                 if content is None:
                     failures.append(f"{job.name}: {' '.join(reason.split())[:_LONGEST]}")
                     report(f"failed: {failures[-1]}", 1)

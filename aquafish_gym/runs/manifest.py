@@ -20,8 +20,9 @@ from filelock import lock_descriptor
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
-LOCK, SETTINGS = ".aquafish.lock", "settings.json"
-FOLDER_SCHEMA = "aquafish.folder/1"
+LOCK = ".aquafish.lock"
+SETTINGS = "settings.json"
+SCHEMA = "aquafish.folder/1"
 REMOVES_OPEN_FILES = os.name != "nt"
 LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",

@@ -71,7 +71,8 @@ class _Lines:
         """Take how much is done, and a line about it; print it where another tenth is done."""
         with self._lock:
             tenths = self._done * 10 // self._total
-            self._done, self._text = done, text
+            self._done = done
+            self._text = text
             if done * 10 // self._total > tenths:
                 self._print(text)
 

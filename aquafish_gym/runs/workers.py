@@ -125,7 +125,8 @@ class _Pool(ProcessPoolExecutor):
         """Say that a worker is silent, and kill one that has been for long; its jobs break."""
         now = time.monotonic()
         # Not the time that this process was itself stopped, as by Ctrl-Z.
-        passed, self._checked = min(now - self._checked, 2 * POLL_SECONDS), now
+        passed = min(now - self._checked, 2 * POLL_SECONDS)
+        self._checked = now
         beating = set()
         while self._beats[0].poll():
             beating.add(int.from_bytes(self._beats[0].recv_bytes(), "little"))

@@ -70,7 +70,8 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
     """Tells numba where the kernels of a function are, without a look at its file."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
-        self._function, self._py_file = function, file
+        self._function = function
+        self._py_file = file
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> _Locator:
@@ -167,7 +168,8 @@ def prune(folder: Path, most_bytes: int = MAXIMUM_CACHE_BYTES) -> None:
             with suppress(OSError):  # another process has removed it
                 status = entry.stat(follow_symlinks=False)
                 files.append((status.st_mtime, status.st_size, entry.path))
-    held, now = sum(size for _, size, _ in files), time.time()
+    held = sum(size for _, size, _ in files)
+    now = time.time()
     for used, size, path in sorted(files):
         if held <= most_bytes or now - used < KEPT_SECONDS:
             return

@@ -23,7 +23,8 @@ import numpy as np
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, parse_json
 
 MAXIMUM_DOCUMENT_BYTES = 32 * 2**20  # of a document
-_CHECKSUM, _CHECKSUM_DIGITS = "checksum", 16  # its key, and hexadecimal digits of SHA-256
+_CHECKSUM = "checksum"  # its key in a document
+_CHECKSUM_DIGITS = 16  # hexadecimal, of SHA-256
 
 
 class DamagedFileError(InvalidArgumentError):

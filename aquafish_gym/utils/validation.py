@@ -74,7 +74,8 @@ def finite_array(
     With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
     is refused, and so are booleans, spans of time and masked entries.
     """
-    array, wanted = real_array(argument, value, spelled(shape)), spelled(shape)
+    array = real_array(argument, value, spelled(shape))
+    wanted = spelled(shape)
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
     if not fits(array.shape, shape):
@@ -83,7 +84,8 @@ def finite_array(
         raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
     outside = np.less(array, low) | np.greater(array, high)
     if outside.any():
-        lows, highs = np.broadcast_to(low, array.shape), np.broadcast_to(high, array.shape)
+        lows = np.broadcast_to(low, array.shape)
+        highs = np.broadcast_to(high, array.shape)
         where = tuple(int(i) for i in np.argwhere(outside)[0])
         at = f"[{', '.join(map(str, where))}]" if where else ""
         raise InvalidArgumentError(

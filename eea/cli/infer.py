@@ -63,7 +63,8 @@ class Infer:
 
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
-        log, moving = read_log(self.log), self.start == "moving"
+        log = read_log(self.log)
+        moving = self.start == "moving"
         windows = log_windows(log, moving)
         check_groups(self.nuisances, windows)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)

@@ -39,7 +39,8 @@ def waiting(task: str) -> Iterator[Callable[[str], None]]:
             yield lambda doing: status.update(f"{task}: {doing}")
         return
     console.print(f"{task} ...")
-    began, doing = time.monotonic(), [""]
+    began = time.monotonic()
+    doing = [""]
 
     def say() -> None:
         detail = f": {doing[0]}" if doing[0] else ""

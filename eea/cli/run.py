@@ -91,7 +91,8 @@ class Run(Given):
 
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""
-        config, damage = self.config(), Damage.parse(self.damage)
+        config = self.config()
+        damage = Damage.parse(self.damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
         rng = streams(self.seed)["target"]
         target = EngineTarget(
@@ -149,5 +150,6 @@ def _round_line(record: RoundRecord, result: Result) -> str:
         found = f"{STATED_MASS:.0%} intervals {width:.2g}% of the ranges wide"
         if not result.belief.good:
             found = "no body explains the trials"
-    counted, fitness = f"{record.round:2d}/{result.config.rounds}", record.objective_fitness
+    counted = f"{record.round:2d}/{result.config.rounds}"
+    fitness = record.objective_fitness
     return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

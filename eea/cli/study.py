@@ -90,7 +90,8 @@ class StudyCommand(Given):
         for name, values in (("steps", self.steps), ("format", self.format)):
             if values == ():
                 raise ConfigurationError(f"--{name} must have one value or more; got none")
-        small, arms = self.preset == "smoke", self._arms()
+        small = self.preset == "smoke"
+        arms = self._arms()
         if small:
             arms = {name: smoke(arm) for name, arm in arms.items()}
         return Study(
@@ -133,7 +134,8 @@ class StudyCommand(Given):
         check_workers(self.workers, self.scheduler)
         folder = ensure_writable_directory(self.out)
         with lock(folder):
-            document, jobs = extended(folder, study), study.jobs()
+            document = extended(folder, study)
+            jobs = study.jobs()
             done = finished(folder, jobs)
             missing = [job for job in jobs if job not in done]
             if missing:

@@ -43,7 +43,8 @@ class Watch:
 
     def execute(self) -> None:
         """Watch the swim and print what was detected."""
-        log, belief = read_log(self.log), load_posterior(self.posterior)
+        log = read_log(self.log)
+        belief = load_posterior(self.posterior)
         check_alarm(self.alarm)
         streams(self.seed)  # refuses a wrong seed
         check_threads(self.threads)

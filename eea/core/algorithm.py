@@ -121,7 +121,8 @@ class EEA(Session[EEAState]):
         context = first_context(config.condition, len(self._problem.hidden), trial.true_angles)
         behavior = summarize(RecordedLog(trial.gyro))[0]
         experiments = (*state.experiments, Experiment(trial.command, behavior, context))
-        genomes, fitness = state.genomes, np.empty(0)
+        genomes = state.genomes
+        fitness = np.empty(0)
         keys = _keys(genomes)
         known = [(pose, {k: sims[k] for k in keys if k in sims}) for pose, sims in state.known]
         for generation in range(config.estimation.generations):
@@ -167,7 +168,8 @@ class EEA(Session[EEAState]):
         What is not in ``known`` is simulated in one batch and entered there, except from angles
         that are drawn in each generation.
         """
-        keys, models = _keys(genomes), self._problem.models.decode(genomes)
+        keys = _keys(genomes)
+        models = self._problem.models.decode(genomes)
         new: list[tuple[int, int]] = []
         for e, experiment in enumerate(experiments):
             if not experiment.context.fixed:

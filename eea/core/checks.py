@@ -131,7 +131,8 @@ def check_fields(settings: Any, prefix: str = "") -> None:
     None is accepted where it is the default.
     """
     for each in fields(settings):
-        name, value = prefix + each.name, getattr(settings, each.name)
+        name = prefix + each.name
+        value = getattr(settings, each.name)
         if is_dataclass(each.default):
             instance(name, value, type(each.default))
         elif "check" in each.metadata and not (value is None is each.default):

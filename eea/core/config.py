@@ -96,7 +96,8 @@ class PaperConfig:
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
         if self.condition == "out-of-band":
-            judges, models = self.out_of_band.sampled_models or 0, self.estimation.population
+            judges = self.out_of_band.sampled_models or 0
+            models = self.estimation.population
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
 
     def to_dict(self) -> dict[str, Any]:

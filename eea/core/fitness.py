@@ -35,7 +35,8 @@ def _pairwise_sum(behaviors: Coefficients) -> float:
     core's cache and is ten times as fast as gathering pairs of complex numbers.
     """
     real, imaginary = (np.ascontiguousarray(part) for part in (behaviors.real, behaviors.imag))
-    squares, buffer = np.empty_like(real), np.empty_like(real)
+    squares = np.empty_like(real)
+    buffer = np.empty_like(real)
     total = 0.0
     for i in range(len(behaviors) - 1):
         later = len(behaviors) - 1 - i

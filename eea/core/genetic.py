@@ -58,7 +58,8 @@ def next_generation(
     count = len(genomes)
     pairs = (count + 1) // 2
     parents = tournament(fitness, 2 * pairs, TOURNAMENT_SIZE, rng)
-    mothers, fathers = genomes[parents[:pairs]], genomes[parents[pairs:]]
+    mothers = genomes[parents[:pairs]]
+    fathers = genomes[parents[pairs:]]
     children = crossover(mothers, fathers, CROSSOVER_RATE, rng)
     children = mutate(children, MUTATIONS, rng)
     # A stable sort, so that of equally fit genomes the earlier is the elite.

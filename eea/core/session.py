@@ -78,8 +78,10 @@ class Session(ABC, Generic[SessionState]):
     ) -> None:
         if not callable(getattr(target, "perform", None)):
             raise TargetError(f"target must have a method perform; {brief(target)} has none")
-        self.config, self.seed = config, seed
-        self._target, self._problem = target, problem
+        self.config = config
+        self.seed = seed
+        self._target = target
+        self._problem = problem
         self._truth = None if truth is None else finite("truth", truth, (len(problem.models),))
         self._stopped = "interrupted"
         # All that a round changes, replaced in one assignment.

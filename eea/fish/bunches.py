@@ -51,7 +51,8 @@ def bunches_of(time: Floats) -> list[Bunches]:
     waits = np.flatnonzero((steps > BUNCH_GAP_RATIO * near) & (steps > 0.5 * TIMESTEP))
     if len(waits) < FEWEST_BUNCHES - 1:
         return []
-    starts, ends = np.append(0, waits + 1), np.append(waits, len(time) - 1)
+    starts = np.append(0, waits + 1)
+    ends = np.append(waits, len(time) - 1)
     wait = np.minimum(np.append(np.inf, steps[waits]), np.append(steps[waits], np.inf))
     length = time[ends] - time[starts]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], length < LONGEST_BUNCH_WAITS * wait, [0]])))

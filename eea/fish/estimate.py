@@ -58,7 +58,8 @@ class MorphologyEstimate(Result):
         return "\n".join(statement(self))
 
     def __repr__(self) -> str:
-        done, found = len(self.rounds), self.objective_fitness
+        done = len(self.rounds)
+        found = self.objective_fitness
         text = f"{self.config.condition}, {done} rounds of {self.config.steps} steps"
         fitness = "" if found is None else f", OBJ_FIT {found:.3f}"
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"

@@ -100,7 +100,8 @@ class LogChange:
         commands = log.commands[:, [1, 0, 2]] if self.flippers else log.commands
         if not self.rows:
             return SwimLog(log.time / self.pace, gyro, commands, log.trial)
-        read, seen = [], []  # rows of the readings, and of the times at which they were taken
+        read = []  # rows of the readings
+        seen = []  # rows of the times at which they were taken
         for block in log.blocks:
             rows = np.arange(block.start, block.stop)
             late = max(self.rows, 0)
@@ -111,7 +112,8 @@ class LogChange:
                 early = max(-self.rows, 0)
                 read.append(rows[early : len(rows) - late])
                 seen.append(rows[late : len(rows) - early])
-        at, taken = np.concatenate(seen), np.concatenate(read)
+        at = np.concatenate(seen)
+        taken = np.concatenate(read)
         return SwimLog(log.time[at] / self.pace, gyro[taken], commands[at], log.trial[at])
 
 

@@ -41,7 +41,9 @@ MUST = (
     "A log has the time in s by the robot's clock, rates in rad/s about x right, y forward and z "
     "up, and the commands that were executed"
 )
-SCREENED_SECONDS, SCREENED_ROWS = 2.56, 48  # of a trial: at least both
+# The screened part of a trial has at least both.
+SCREENED_SECONDS = 2.56
+SCREENED_ROWS = 48
 SCREENED_WINDOWS = 4
 SCREENING = FitConfig(bodies=48, poses=32, descents=6, polished=1, restarts=0)
 CONFIRMING = FitConfig(alternatives="never", restarts=0)

@@ -112,7 +112,8 @@ def infer_log(
     body = None if truth is None else Morphology.coerce(truth).to_array()
     fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
-        config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
+        config = replace(config, noise=_known_noise(config, prior))
+        fish = since(fish, prior)
     found: list[LogCheck] = []
 
     def doubt(plain: Optima) -> bool:
@@ -125,12 +126,14 @@ def infer_log(
         )
         return not found[0].fits
 
-    rng, doubts = streams(seed)["estimation"], doubt if check else None
+    rng = streams(seed)["estimation"]
+    doubts = doubt if check else None
     posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
     last = windows.time[-1].max() / TIMESTEP - STEP_TIME_TOLERANCE / TIMESTEP
     own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
     command = windows.series[-1, own].mean(axis=0)
-    seconds, layout = time.monotonic() - began, fish.problem.models
+    seconds = time.monotonic() - began
+    layout = fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     checked = found[0] if found and not posterior.good else None
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)

@@ -106,7 +106,8 @@ def posterior_figure(result: Result) -> Figure:
     sizes, *others = figure.subplots(1, columns, squeeze=False)[0]
 
     draws = belief.sample(PLOT_DRAWS, np.random.default_rng(0))
-    (low, high), (lower, upper) = result.interval(0.9), result.interval(0.5)
+    low, high = result.interval(0.9)
+    lower, upper = result.interval(0.5)
     ends = np.column_stack([low, lower, result.model, upper, high])
     for i, (start, stop) in enumerate(zip(result.layout.low, result.layout.high, strict=True)):
         _draw_row(sizes, i, start, stop, draws[:, i] if belief.good else None, ends[i], BLUE)
@@ -117,7 +118,8 @@ def posterior_figure(result: Result) -> Figure:
 
     for axes in others:
         theta = best.parameters.natural(best.doubted.sample(PLOT_DRAWS, np.random.default_rng(0)))
-        wide, half = belief.table(0.9), belief.table(0.5)
+        wide = belief.table(0.9)
+        half = belief.table(0.5)
         for i, n in enumerate(nuisances):
             middle, first, last = wide[n.name]
             five = np.array([first, half[n.name][1], middle, half[n.name][2], last])

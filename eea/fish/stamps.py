@@ -38,7 +38,8 @@ def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
     InvalidArgumentError
         If the signal does not show which it is, or packets are missing.
     """
-    time, said = log.time.copy(), []
+    time = log.time.copy()
+    said = []
     for index, rows in enumerate(log.blocks):
         for found in bunches_of(log.time[rows]):
             name = f"{log.name(index)}, rows {rows.start + found.first + 1} to "
@@ -66,7 +67,8 @@ def _arrived(found: Bunches, time: Floats, gyro: Floats, name: str) -> bool:
     from row to row by the more, the fewer bunches there are.
     """
     own = slice(found.first, found.last + 1)
-    signal, size = gyro[own], (found.last + 1 - found.first) / len(found.starts)
+    signal = gyro[own]
+    size = (found.last + 1 - found.first) / len(found.starts)
     changes = (np.diff(signal, axis=0) ** 2).sum(axis=1)
     waits = np.zeros(len(changes), dtype=np.bool_)
     waits[found.starts[1:] - found.first - 1] = True
@@ -124,7 +126,8 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
         If the reading is repeated for more than 0.25 s while a servo moves.
     """
     block = log.blocks[index]
-    gyro, rows = log.gyro[block], np.arange(block.start, block.stop)
+    gyro = log.gyro[block]
+    rows = np.arange(block.start, block.stop)
     steps = np.abs(np.diff(gyro, axis=0))
     same = (steps == 0.0).all(axis=1)
     quantum = np.where(steps > 0.0, steps, np.inf).min(axis=0)

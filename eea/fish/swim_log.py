@@ -120,7 +120,8 @@ class SwimLog:
             If commands and logs are not equally many or long, or one is no log of this fish.
         """
         flag("moving", moving)
-        commands, logs = sequence("commands", commands), sequence("logs", logs)
+        commands = sequence("commands", commands)
+        logs = sequence("logs", logs)
         if not len(commands) == len(logs) > 0:
             raise InvalidArgumentError(
                 "commands and logs must be equally many, and at least one; "
@@ -294,7 +295,8 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
     wrong = np.flatnonzero((steps <= 0.0) | (steps > LONGEST_GAP_SECONDS))
     if not len(wrong):
         return
-    row, step = rows.start + int(wrong[0]) + 2, float(steps[wrong[0]])
+    row = rows.start + int(wrong[0]) + 2
+    step = float(steps[wrong[0]])
     got = f"{shown(abs(step))} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
     hint = ""
     if bunches_of(np.maximum.accumulate(time[rows])):

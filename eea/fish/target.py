@@ -74,12 +74,14 @@ class EngineTarget:
         if rng is not None:
             instance("rng", rng, np.random.Generator)
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
-        self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
+        self.damage = Damage.coerce(damage)
+        whole = Morphology.coerce(morphology)
         #: The body with every fault of its fins, whenever they begin.
         self.morphology: Morphology = self.damage.body(whole)
         self.engine: str = resolve_engine("engine", engine)  #: Never "auto".
         self._rng = np.random.default_rng() if rng is None else rng
-        self._gap, self._steps = gap, steps
+        self._gap = gap
+        self._steps = steps
         self._substeps = substeps * gap.substeps
         world = gap.edit(Scenario.create(whole, current=current))
         check_row("current", world.current[0])

@@ -116,7 +116,8 @@ class LogWindows:
         for window in np.unique(windows):
             rows = np.flatnonzero(windows == window)
             first, weights = cubic_weights(self.time[window] / TIMESTEP - 1.0, signal.shape[1])
-            weights, one = weights.astype(signal.dtype)[:, :, None], signal[rows]
+            weights = weights.astype(signal.dtype)[:, :, None]
+            one = signal[rows]
             seen[rows] = sum(weights[:, k] * one[:, first + k] for k in range(CUBIC_POINTS))
         return seen
 
@@ -235,7 +236,8 @@ def _cut(readings: GyroReadings, moving: bool, seconds: float | None) -> list[Gy
             readings[count * i : count * (i + 1)] for i in range(whole // count if moving else 1)
         ]
     found: list[GyroReadings] = []
-    first, times = 0, readings.end_times
+    first = 0
+    times = readings.end_times
     while first + FEWEST_SAMPLES <= whole:
         end = readings[first:].base_time + seconds + STEP_TIME_TOLERANCE
         stop = max(int(np.searchsorted(times, end, "right")), first + FEWEST_SAMPLES)
@@ -262,7 +264,8 @@ def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
     Where it changes within a step, it is the mean, which turns the servos equally far.
     """
     rows = log.blocks[trial]
-    time, commands = log.time[rows], log.commands[rows]
+    time = log.time[rows]
+    commands = log.commands[rows]
     edges = begin + TIMESTEP * np.arange(steps + 1)
     at = np.clip(np.searchsorted(time, edges + STEP_TIME_TOLERANCE, "right") - 1, 0, None)
     until = np.clip(np.searchsorted(time, edges - STEP_TIME_TOLERANCE, "right") - 1, 0, None)

@@ -75,7 +75,8 @@ class ChangeDetector:
         whole("seed", seed, 0)
         self.alarm = alarm
         self._rng = np.random.default_rng(seed)
-        self._sigma, self._samples = belief.sigma, belief.samples
+        self._sigma = belief.sigma
+        self._samples = belief.samples
         best = belief.branches[0]
         groups = {n.group for n in joint.nuisances if n.name in best.parameters.names}
         known = replace(joint, prior=best.prior())
@@ -106,9 +107,11 @@ class ChangeDetector:
 
     def _explained(self, observed: Observed, effort: int) -> float:
         """Return the least cost found from ``effort`` random starts."""
-        one, sigma = self._one, self._sigma
+        one = self._one
+        sigma = self._sigma
         window = Regression(one, observed, sigma)
-        typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // POSE_SCANS)
+        typical = one.into_bounds(one.prior_mean[None])
+        each = -(-effort // POSE_SCANS)
         starts = [pose(window, typical, each, self._rng)[0] for _ in range(POSE_SCANS)]
         coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
         near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]

@@ -79,7 +79,8 @@ def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()
     said += _bodies(posterior, present)
     trading = set()
     for first, second in combinations(present, 2):
-        a, b = first.place, second.place
+        a = first.place
+        b = second.place
         if (
             abs(posterior.correlation[a, b]) > TRADE_OFF_CORRELATION
             and min(width[a], width[b]) > TRADE_OFF_WIDTH
@@ -106,7 +107,8 @@ def beyond_range(posterior: Posterior, joint: JointProblem) -> list[str]:
 
 def _sizes(joint: JointProblem, name: str) -> dict[str, _Size]:
     """Return the dimensions of a part, by name."""
-    models, part = joint.problem.models, joint.parts[name]
+    models = joint.problem.models
+    part = joint.parts[name]
     hint = f"; {part.hint}" if part.hint else ""
     sizes = {}
     for dimension, label in part.sizes.items():
@@ -201,7 +203,8 @@ def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
     bodies: list[tuple[float, Floats, Floats]] = []  # weight, median, sd
     for place in np.argsort(-posterior.weights, kind="stable"):
         drawn = posterior.components[place].sample(MODE_DRAWS, np.random.default_rng(0))[:, indices]
-        middle, spread = np.median(drawn, axis=0), drawn.std(axis=0)
+        middle = np.median(drawn, axis=0)
+        spread = drawn.std(axis=0)
         weight = float(posterior.weights[place])
         for k, (known, there, wide) in enumerate(bodies):
             if (np.abs(middle - there) <= np.maximum(2.0 * np.maximum(spread, wide), reach)).all():

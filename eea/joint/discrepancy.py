@@ -36,7 +36,8 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     regression = optima.regression
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(optima.fits.theta)
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     axes = observed.signal.shape[2]
     bases = [observed.slow_basis(e, discrepancy.duration) for e in range(len(observed))]
     weight: list[Floats] = []  # (T,) of each trial, of each coefficient
@@ -50,14 +51,16 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         return waves.reshape(len(signals), -1)
 
     shapes = _shapes(optima, discrepancy)
-    size, count = len(parameters), shapes.shape[2]
+    size = len(parameters)
+    count = shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
     level = best.sigma / float(np.sqrt((observed.weighted**2).sum()))
     # The factors are of good fits.
     calibration = discrepancy.calibration if best.goodness.good else None
     modes = []
     for k, theta in enumerate(optima.fits.theta):
-        normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
+        normal = np.zeros((size + count, size + count))
+        gradient = np.zeros(size + count)
         normal[:size, :size] = parameters.prior_information
         normal[size:, size:] = np.eye(count)
         away = theta - parameters.prior_mean
@@ -67,12 +70,14 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
             used = entries[e] != FIXED_SLOT
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
             at = np.concatenate([entries[e, used], size + np.arange(count)])
-            columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]
+            columns = whitened(columns, e)
+            residuals = whitened(linear.residuals[k, e][None], e)[0]
             normal[at[:, None], at] += columns @ columns.T
             gradient[at] += columns @ residuals
             squares += float(residuals @ residuals)
         # The shapes' amplitudes are integrated out.
-        inner, cross = normal[size:, size:], normal[:size, size:]
+        inner = normal[size:, size:]
+        cross = normal[:size, size:]
         information = normal[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
         slope = gradient[:size] - cross @ np.linalg.solve(inner, gradient[size:])
         cost = 0.5 * squares + float(parameters.prior_cost(theta))
@@ -89,7 +94,8 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
 def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     """Return the differences of known shape (S, E, K, axes T) at the optima."""
     regression = optima.regression
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     local = parameters.local(optima.fits.theta)  # (S, E, W)
     if discrepancy.shapes is None:
         return np.empty((*local.shape[:2], 0, observed.signal[0].size))

@@ -93,7 +93,8 @@ def goodness_of_fit(
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
     excess = np.where(shares > 0.0, shares, corrected)
     peak, off = _largest(trials, floor)
-    size_p, tests = None, {}  # what is wrong -> the p-value
+    size_p = None
+    tests = {}  # what is wrong -> the p-value
     if sigma is not None:
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
         tests[f"{rms / sigma:.3g} times the noise"] = size_p

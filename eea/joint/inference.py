@@ -166,7 +166,8 @@ class _Counter:
     """A simulator that counts robots."""
 
     def __init__(self, simulate: Simulate) -> None:
-        self._simulate, self.robots = simulate, 0
+        self._simulate = simulate
+        self.robots = 0
 
     def __call__(
         self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
@@ -242,7 +243,8 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     residuals = best.residuals
     size = best.regression.observed.size
     weight = effective_count(residuals) / size / best.sigma**2
-    parameters, theta = optima.regression.parameters, optima.fits.theta
+    parameters = optima.regression.parameters
+    theta = optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
     away = theta - parameters.prior_mean
     modes = []
@@ -269,7 +271,8 @@ def log_prior_constant(parameters: Parameters) -> float:
     information = parameters.prior_information[np.ix_(informed, informed)]
     mean = parameters.prior_mean[informed]
     sd = np.sqrt(np.diag(np.linalg.inv(information)))
-    high, low = log_ndtr((1.0 - mean) / sd), log_ndtr(-mean / sd)
+    high = log_ndtr((1.0 - mean) / sd)
+    low = log_ndtr(-mean / sd)
     mass = high + np.log1p(-np.exp(low - high))  # inside the bounds, of each alone
     normal = 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1] - mass.sum()
     return float(normal - np.count_nonzero(parameters.circular) * np.log(2.0 * np.pi))

@@ -27,7 +27,8 @@ HOP_FITS = 16
 
 def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Floats:
     """Return the most promising of random bodies, as vectors (descents, P)."""
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     freed = parameters.freed_entries()  # a descent would not get far from the nominal value
     drawn = latin_hypercube(effort.bodies, parameters.body + len(freed), rng)
     theta = parameters.typical(drawn[:, : parameters.body])
@@ -79,13 +80,15 @@ def pose(
 
     Also return their sums of squares (S,), of the ``trials`` that are posed: all by default.
     """
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     trials = range(len(observed)) if trials is None else trials
     misfit = regression.misfit(EVERY_FOURTH_SAMPLE)
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
     groups = SHARED_VALUES if common.any() else 1
-    local, width = parameters.local(theta), parameters.slots.shape[1]
+    local = parameters.local(theta)
+    width = parameters.slots.shape[1]
     starts = parameters.start_slots()
     slots = np.concatenate([starts, np.arange(width - len(angles), width)])
     if not len(slots):  # the initial state is known
@@ -108,7 +111,8 @@ def pose(
         at = sums.argmin(axis=2)
         total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
         chosen[:, :, column] = tried[np.arange(groups), at]
-    group, pick = total.argmin(axis=1), np.arange(len(theta))
+    group = total.argmin(axis=1)
+    pick = np.arange(len(theta))
     posed = theta.copy()
     for column, e in enumerate(trials):
         posed[:, parameters.slots[e, slots]] = chosen[pick, group, column]
@@ -122,7 +126,8 @@ def _drawn(
     rng: np.random.Generator,
 ) -> Floats:
     """Return draws (*shape, len(entries)) from the prior of entries other than angles."""
-    mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
+    mean = parameters.prior_mean[entries]
+    precision = parameters.prior_precision[entries]
     informed = precision > 0.0
     normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
         np.where(informed, precision, 1.0)
@@ -133,7 +138,8 @@ def _drawn(
 
 def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Generator) -> Floats:
     """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     hidden = len(parameters.angle_entries(0))
     others: list[tuple[float, Floats]] = []
     for e in range(len(observed) if hidden else 0):
@@ -190,7 +196,8 @@ def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats
     for entry, tried in _lined(regression.parameters):
         line, costs = _along(regression, theta, sigma, entry, tried)
         at = costs.argmin(axis=1)
-        theta, cost = line[pick, at], costs[pick, at]
+        theta = line[pick, at]
+        cost = costs[pick, at]
     return theta, cost
 
 

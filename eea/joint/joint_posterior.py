@@ -189,7 +189,8 @@ class JointPosterior:
         """
         modes = {}
         for branch in self.branches:
-            parameters, posterior = branch.parameters, branch.posterior
+            parameters = branch.parameters
+            posterior = branch.posterior
             theta = parameters.into_bounds(np.array([mode.theta for mode in posterior.modes]))
             modes[branch.hypothesis.name] = {
                 "names": list(parameters.names),

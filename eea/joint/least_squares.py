@@ -156,7 +156,8 @@ class Misfit:
 
         The derivatives of a robot that diverged are zero.
         """
-        parameters, free = self.parameters, self.free
+        parameters = self.parameters
+        free = self.free
         local = parameters.local(theta)[:, self._trials]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
         high = np.where(entries == FIXED_SLOT, np.inf, parameters.high[entries])
@@ -247,7 +248,8 @@ def descend(
 
     ``sigma`` is the standard deviation of the noise, which weighs the signal against the prior.
     """
-    parameters, per_square = misfit.parameters, 0.5 / sigma**2
+    parameters = misfit.parameters
+    per_square = 0.5 / sigma**2
     theta = parameters.into_bounds(theta)
     squares = misfit.squares(theta)
     cost = per_square * squares + parameters.prior_cost(theta)

@@ -200,7 +200,8 @@ def _informed(
     precisions: tuple[float, ...],
 ) -> tuple[Floats, Floats]:
     """Return the mean (P,) and information (P, P) of the prior, where there is one, of entries."""
-    mean, information = np.array(means), np.diag(precisions)
+    mean = np.array(means)
+    information = np.diag(precisions)
     if prior is not None:
         silent = {*hypothesis.changed, *hypothesis.fixed}
         said = [n for n in prior.names if n in names and n not in silent]

@@ -142,7 +142,8 @@ class Posterior:
     def correlation(self) -> Floats:
         """The correlations, (P, P); an angle's of its deviations from the circular mean."""
         draws = self.draws
-        turned, moved = wrap(draws - self._mean_angles), draws - draws.mean(axis=0)
+        turned = wrap(draws - self._mean_angles)
+        moved = draws - draws.mean(axis=0)
         deviations = np.where(self.circular, turned, moved)
         sd = np.sqrt(np.mean(deviations**2, axis=0))
         scaled = deviations / np.maximum(sd, 1e-300)
@@ -184,7 +185,8 @@ def intervals(
     start = np.where(one_sided, np.where(at_low, low, since), start)
     end = np.where(one_sided, np.where(at_low, to, high), end)
     middle = np.median(draws, axis=0)  # one-sided intervals of less than half of the draws miss it
-    start, end = np.minimum(start, middle), np.maximum(end, middle)
+    start = np.minimum(start, middle)
+    end = np.maximum(end, middle)
     for k in np.flatnonzero(circular):
         start[k], end[k] = _shortest_arc(draws[:, k], mass)
     return start, end

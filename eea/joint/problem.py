@@ -178,7 +178,8 @@ class Calibration:
 
     def factors(self, level: float) -> Floats:
         """Return the factors (n,) at a level; beyond the first and last they are as there."""
-        at, knots = np.log(max(level, 1e-12)), np.log(self.levels)
+        at = np.log(max(level, 1e-12))
+        knots = np.log(self.levels)
         return np.array([np.interp(at, knots, row) for row in zip(*self.rows, strict=True)])
 
 
@@ -273,7 +274,8 @@ class JointProblem:
         whole("stride", self.stride, 1, 1000)
         hidden_names = self.problem.hidden if self.hidden is None else self.hidden
         object.__setattr__(self, "hidden", all_of("hidden", hidden_names, str))
-        models, hidden = self.problem.models.names, self.problem.hidden
+        models = self.problem.models.names
+        hidden = self.problem.hidden
         nuisances = tuple(nuisance.name for nuisance in self.nuisances)
         switches = [nuisance.name for nuisance in self.nuisances if nuisance.switch]
         names = (*models, *nuisances, *hidden)

@@ -52,7 +52,8 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        parameters, floor = regression.parameters, LEAST_RELATIVE_RMS * regression.rms
+        parameters = regression.parameters
+        floor = LEAST_RELATIVE_RMS * regression.rms
         discrepancy = parameters.joint.discrepancy
         slow_p = None
         if discrepancy is not None:
@@ -84,7 +85,8 @@ def search(
         return _optima(regression, Fitted(still, squares, squares))
     best: Optima | None = None
     for attempt in range(effort.restarts + 1):
-        starts, scanned = np.empty((0, len(parameters))), effort
+        starts = np.empty((0, len(parameters)))
+        scanned = effort
         if known is not None:
             known = starts = _downhill(regression, known).theta
             exact = _exact(regression, starts)
@@ -147,7 +149,8 @@ def _refine(
     rival: float,
 ) -> Optima:
     """Descend from vectors (S, P), then hop from the best unless it is far worse than a rival."""
-    parameters, fine = regression.parameters, regression.misfit(FINE)
+    parameters = regression.parameters
+    fine = regression.misfit(FINE)
     begun = _downhill(regression, starts, FIRST_ITERATIONS)
     some = _different(parameters, begun, -(-len(starts) // 2))
     ended = _downhill(regression, some.theta)
@@ -222,7 +225,8 @@ def _unique(
     ordered = _best(fitted, len(fitted.cost))
     kept: list[int] = []
     for i in np.flatnonzero(np.isfinite(ordered.cost)).tolist():
-        theta, others = ordered.theta[i], ordered.theta[kept]
+        theta = ordered.theta[i]
+        others = ordered.theta[kept]
         apart = np.where(
             parameters.circular, circular_distance(others, theta), np.abs(others - theta)
         )[:, :entries]

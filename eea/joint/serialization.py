@@ -34,7 +34,8 @@ MOST_SLOTS = 10**7  # numbers that all trials are simulated with
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`."""
     parameters = posterior.branches[0].parameters
-    joint, problem = parameters.joint, parameters.joint.problem
+    joint = parameters.joint
+    problem = parameters.joint.problem
     parts = [part for branch in posterior.branches for part in (branch.posterior, branch.doubted)]
     modes = [mode for part in parts for mode in part.modes]
     header = {
@@ -67,7 +68,8 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     information = np.zeros((len(modes), size, size))
     for i, mode in enumerate(modes):
         own = slice(len(mode.theta))
-        theta[i, own], gradient[i, own] = mode.theta, mode.gradient
+        theta[i, own] = mode.theta
+        gradient[i, own] = mode.gradient
         information[i, own, own] = mode.information
     return {
         "header": np.frombuffer(json.dumps(header).encode(), np.uint8),
@@ -130,15 +132,18 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
     hypotheses = {h.name: h for h in (joint.nominal, *joint.hypotheses)}
-    branches, first = [], 0
+    branches = []
+    first = 0
     for row in header["branches"]:
-        hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]
+        hypothesis = hypotheses[row["hypothesis"]]
+        names = row["parameters"]
         per_trial = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
         inferred = per_trial | {n.group for n in joint.nuisances if n.name in names}
         parameters = Parameters.of(joint, trials, inferred, hypothesis, per_trial)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
-        own, parts = slice(len(names)), []
+        own = slice(len(names))
+        parts = []
         for count in row["modes"]:
             modes = [
                 Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])

@@ -28,7 +28,8 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
     compared with a gamma distribution of the mean and variance that white noise would give it after
     the fit (F. E. Satterthwaite, 1946).
     """
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     axes = observed.signal.shape[2]
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(theta[None])
@@ -41,7 +42,8 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
         [(one[:n] ** 2).mean() for one, n in zip(observed.signal, observed.counts, strict=True)]
     )
     sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
-    power, weight = np.zeros(2), np.zeros(3)
+    power = np.zeros(2)
+    weight = np.zeros(3)
     for e in range(len(observed)):
         used = entries[e] != FIXED_SLOT
         used[used] = inner[entries[e, used]]
@@ -50,7 +52,8 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
         basis = observed.slow_basis(e, duration)
         waves = basis.transform(waves, axes)
         each = basis.variances * loud[e] / loud.max()  # (T,)
-        columns, residuals = waves[:-1], waves[-1]
+        columns = waves[:-1]
+        residuals = waves[-1]
         for n in range(3):
             moved = (columns * each**n).reshape(len(at), -1)
             sums[n][at[:, None], at] += moved @ columns.reshape(len(at), -1).T

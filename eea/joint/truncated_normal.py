@@ -52,9 +52,11 @@ class _Between(NamedTuple):
 
     @classmethod
     def of(cls, low: ArrayLike, high: ArrayLike) -> _Between:
-        low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        low = np.asarray(low, dtype=np.float64)
+        high = np.asarray(high, dtype=np.float64)
         mirrored = low > 0.0
-        left, right = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
+        left = np.where(mirrored, -high, low)
+        right = np.where(mirrored, -low, high)
         top = log_ndtr(right)
         return cls(left, right, mirrored, top, np.expm1(log_ndtr(left) - top))
 
@@ -144,7 +146,8 @@ class BoxNormal:
         """
         if self._accepted < CHAIN_ACCEPTANCE:
             return self._chains(count, rng)
-        kept, lacking = [np.empty((0, len(self.low)))], count
+        kept = [np.empty((0, len(self.low)))]
+        lacking = count
         while lacking > 0:
             wanted = int(1.1 * lacking / self._accepted) + 16
             points, weights = self._propose(min(wanted, MAXIMUM_PROPOSALS), rng)
@@ -154,7 +157,8 @@ class BoxNormal:
 
     def _walls(self) -> tuple[Floats, Floats, Floats]:
         """Return the walls in sd of each coordinate given those before, and the factor so too."""
-        sd, order = np.diag(self._lower), self._order
+        sd = np.diag(self._lower)
+        order = self._order
         low, high = (wall[order] - self._centre[order] for wall in (self.low, self.high))
         return low / sd, high / sd, self._lower / sd[:, None]
 
@@ -170,7 +174,8 @@ class BoxNormal:
         some = slice(size - 1)
 
         def ends(y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-            z, tilt = np.append(y[some], 0.0), np.append(y[size - 1 :], 0.0)
+            z = np.append(y[some], 0.0)
+            tilt = np.append(y[size - 1 :], 0.0)
             shift = tilt + before @ z
             return z, tilt, low - shift, high - shift
 
@@ -178,7 +183,8 @@ class BoxNormal:
             z, tilt, left, right = ends(y)
             log = log_mass(left, right) + 0.5 * np.log(2.0 * np.pi)
             # So far out that walls a rounding apart are one, the densities there are no numbers.
-            at_left, at_right = np.exp(-0.5 * left**2 - log), np.exp(-0.5 * right**2 - log)
+            at_left = np.exp(-0.5 * left**2 - log)
+            at_right = np.exp(-0.5 * right**2 - log)
             pull = at_left - at_right
             bend = left * at_left - right * at_right - pull**2
             along = bend[:, None] * before
@@ -198,12 +204,14 @@ class BoxNormal:
                 far = np.abs(value).max(initial=0.0)
                 if far < 1e-9 or not np.isfinite(jacobian).all():
                     break
-                move, damping = np.linalg.solve(jacobian, -value), 1.0
+                move = np.linalg.solve(jacobian, -value)
+                damping = 1.0
                 there = slope(y + move)
                 while not there[0] @ there[0] <= value @ value and damping > 1e-3:
                     damping *= 0.5
                     there = slope(y + damping * move)
-                y, (value, jacobian) = y + damping * move, there
+                y = y + damping * move
+                value, jacobian = there
         z, tilt, left, right = ends(y)
         reach = lower @ z
         inside = (reach >= low - 1e-9) & (reach <= high + 1e-9)
@@ -214,7 +222,8 @@ class BoxNormal:
     def _propose(self, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Return points (count, P) of the tilted proposal and their log weights (count,)."""
         low, high, lower = self._walls()
-        z, weights = np.zeros((count, len(low))), np.zeros(count)
+        z = np.zeros((count, len(low)))
+        weights = np.zeros(count)
         for k, tilt in enumerate(self._tilt):
             shift = tilt + z[:, :k] @ lower[k, :k]
             between = _Between.of(low[k] - shift, high[k] - shift)
@@ -233,19 +242,22 @@ class BoxNormal:
         proposed, weights = self._propose(MASS_POINTS, rng)
         share = np.exp(weights - weights.max())
         points = proposed[rng.choice(MASS_POINTS, -(-count // CHAIN_POINTS), p=share / share.sum())]
-        inverse, span = np.empty_like(self._lower), self.high - self.low
+        inverse = np.empty_like(self._lower)
+        span = self.high - self.low
         inverse[:, self._order] = solve_triangular(self._lower, np.eye(len(span)), lower=True)
         precision = inverse.T @ inverse
         principal = np.linalg.eigh(precision * np.outer(span, span))[1].T * span
         kept = []
         for sweep in range(FIRST_SWEEPS + CHAIN_POINTS * SWEEPS_BETWEEN_POINTS):
             for way in (*np.eye(len(span)), *principal):
-                push, on = precision @ way, way != 0.0
+                push = precision @ way
+                on = way != 0.0
                 sd = (way @ push) ** -0.5
                 mean = -((points - self._centre) @ push) * sd**2
                 walls = np.sort([(w - points)[:, on] / way[on] for w in (self.low, self.high)], 0)
                 # A point at a wall may be past it by rounding.
-                least, most = np.minimum(walls[0].max(1), 0.0), np.maximum(walls[1].min(1), 0.0)
+                least = np.minimum(walls[0].max(1), 0.0)
+                most = np.maximum(walls[1].min(1), 0.0)
                 drawn = draw_between((least - mean) / sd, (most - mean) / sd, rng)
                 moved = np.clip(mean + sd * drawn, least, most)
                 points = np.clip(points + np.outer(moved, way), self.low, self.high)

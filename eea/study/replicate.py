@@ -82,7 +82,8 @@ class Replicate:
         InvalidArgumentError, EngineUnavailableError, ConfigurationError
             If a setting is wrong or an engine is not installed.
         """
-        world, rng = self.world, streams(self.seed)["target"]
+        world = self.world
+        rng = streams(self.seed)["target"]
         target = EngineTarget(
             world.morphology, world.damage, rng, self.config.steps, world.target_engine,
             world.current, gap=world.gap,
@@ -126,7 +127,8 @@ def replicate(job: Replicate) -> dict[str, Any]:
 def _coverage(result: Result, belief: Any) -> dict[str, Any]:
     """Return a posterior's coverage, width and verdict, ready for JSON."""
     assert result.truth is not None
-    coverage, width = {}, {}
+    coverage = {}
+    width = {}
     for mass in MASSES:
         low, high = belief.interval(mass)
         held = (low <= result.truth) & (result.truth <= high)

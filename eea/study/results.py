@@ -116,7 +116,8 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     """
     path = Path(folder)
     study = read_description(path)
-    arms, keys = study["arms"], replicate_keys(study)
+    arms = study["arms"]
+    keys = replicate_keys(study)
     body, damage = target_of(study)
     return StudyResults(
         table=_table(path, keys),

@@ -101,5 +101,6 @@ def paired_difference(first: Mapping[int, float], second: Mapping[int, float]) -
 
 def sign_test(gains: Sequence[float]) -> float:
     """Return the exact two-sided p of the signs of the gains; ties do not count."""
-    wins, losses = sum(g > 0 for g in gains), sum(g < 0 for g in gains)
+    wins = sum(g > 0 for g in gains)
+    losses = sum(g < 0 for g in gains)
     return float(stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
