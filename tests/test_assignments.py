@@ -1,4 +1,4 @@
-"""One assignment a line: only a swap, as in ``a, b = b, a``, pairs written-out values with names."""
+"""One assignment a line: only a swap, ``a, b = b, a``, pairs written-out values with names."""
 
 from __future__ import annotations
 
