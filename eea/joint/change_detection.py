@@ -7,7 +7,7 @@ the posterior's uncertainty counts as a change. For the same body
 
 with as many degrees of freedom as the window has samples, minus the hidden angles, which have no
 prior. The true number is slightly smaller, since initial states vary less than their priors. Where
-sigma was estimated from N samples, the ratio has an F distribution.
+sigma was estimated from N samples, the statistic has an F distribution.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
 FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
-LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # with 0 there would never be one
-START_COUNTS = (64, 512, 4096)  # of random starts, until one explains the window
-EXAMINED_P_VALUE = 1e-2  # a window with a greater one is not examined further
-POSE_SCANS = 6  # that share the random starts
+LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # 0 would never raise an alarm
+START_COUNTS = (64, 512, 4096)  # random starts, tried until one explains the window
+EXAMINED_P_VALUE = 1e-2  # windows with greater p-values are not examined further
+POSE_SCANS = 6  # scans that share the random starts
 
 
 class WindowTest(NamedTuple):
@@ -55,13 +55,13 @@ class ChangeDetector:
     ----------
     joint
         The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
-        have their posterior, by name.
+        take their posterior from ``belief``, by name.
     belief
         The posterior. Its most probable hypothesis is used.
     alarm
         Probability of a false alarm in each window.
     seed
-        Of the starting points.
+        Seed of the starting points.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class ChangeDetector:
     ) -> WindowTest:
         """Test one window with commands (1, ...) and a finite signal (T, axes).
 
-        ``weight`` (T,) is that of its samples; see :class:`eea.joint.observed.Observed`.
+        ``weight`` (T,) holds the weights of its samples; see :class:`eea.joint.observed.Observed`.
         """
         signal = finite("signal", signal, (None, self._one.joint.problem.axes))
         observed = Observed(commands, signal[None], None if weight is None else weight[None])

@@ -14,8 +14,8 @@ from eea.core.checks import ConfigurationError, finite
 
 LAGS = 10  # samples
 FALSE_ALARM_RATE = 1e-3  # rate of false alarms
-LEAST_RELATIVE_RMS = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
-#: rad/s. A gyroscope that costs a dollar has a hundredth of it; louder noise has to be given.
+LEAST_RELATIVE_RMS = 3e-6  # share of the signal's rms; smaller residuals are rounding errors
+#: rad/s. A gyroscope for a dollar has a hundredth of this noise. Louder noise must be given.
 LOUDEST_NOISE = 0.3
 
 
@@ -34,18 +34,19 @@ class Goodness:
     samples correlate by 0.68 (p < 1e-6)
     """
 
-    rms: float  #: Of the residuals, rad/s.
-    #: The p-values of: size, from noise of the known sd (None if it is unknown), correlation in
+    rms: float  #: Root mean square of the residuals, rad/s.
+    #: The p-values of: size, for noise of the known sd (None if it is unknown), correlation in
     #: time from white noise, and the largest residual from normal noise.
     size_p: float | None
     whiteness_p: float
     peak_p: float
-    p: float  #: Of all together (Bonferroni).
-    #: Whether ``p`` is at least the rate of false alarms, and the residuals are no louder than a
-    #: gyroscope's noise of unknown size may be.
+    p: float  #: The p-value of all tests together (Bonferroni).
+    #: Whether ``p`` is at least the rate of false alarms, and the residuals are small enough for a
+    #: gyroscope's noise.
     good: bool
-    verdict: str  #: In a sentence.
-    slow_p: float | None = None  #: The p-value of slow errors, which a simulator's are.
+    verdict: str  #: The result in a sentence.
+    #: The p-value of the test for slow errors, as simulators make them.
+    slow_p: float | None = None
     unexplained: float | None = None  #: The residuals' rms as a share of the signal's, if known.
 
 
@@ -61,15 +62,14 @@ def goodness_of_fit(
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
     samples minus parameters. Whiteness: a portmanteau test (Ljung and Box 1978) of the
     autocorrelations, averaged over trials and axes, where a model's errors add up. A fit of P
-    parameters leaves N white samples with correlations of -P / (N - P) at most on average, by
-    which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
-    false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
-    with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. Of 6000 white residuals 0.10%
-    raised an alarm at a rate of 0.1%. White residuals above 0.3 rad/s are no gyroscope's noise
-    unless ``sigma`` says so.
+    parameters to N white samples makes their mean correlation as low as -P / (N - P). Negative
+    correlations are corrected for this: otherwise 27 parameters of 3072 samples triple the false
+    alarms. Peak: the largest residual against normal noise. The tests are joined by Bonferroni,
+    with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. White residuals above
+    0.3 rad/s are not taken for a gyroscope's noise unless ``sigma`` is given.
 
-    ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s,
-    and residuals of an rms up to ``floor``, rad/s, are rounding.
+    ``parameters`` is the number of fitted parameters. ``sigma`` is the standard deviation of the
+    noise if known, rad/s. Residuals with an rms up to ``floor``, rad/s, are rounding errors.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def goodness_of_fit(
     excess = np.where(shares > 0.0, shares, corrected)
     peak, off = _largest(trials, floor)
     size_p = None
-    tests = {}  # what is wrong -> the p-value
+    tests = {}  # complaint: p-value
     if sigma is not None:
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
         tests[f"{rms / sigma:.3g} times the noise"] = size_p
@@ -127,8 +127,8 @@ def autocorrelation(
 ) -> tuple[Floats, Floats]:
     """Return the autocorrelations (lags,) of trials' residuals (T, axes), and white noise's sd.
 
-    They are about zero, not the mean: a constant residual is an error. A trial's axis with an rms
-    up to ``floor`` is left out.
+    Deviations are from zero, not from the mean: a constant residual is an error. An axis of a trial
+    with an rms up to ``floor`` is left out.
     """
     above = np.zeros(lags)
     weight = 0.0
@@ -149,7 +149,7 @@ def autocorrelation(
 
 
 def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
-    """Return the largest residual, in its axis's rms over all trials, and as it is."""
+    """Return the largest residual, divided by its axis's rms over all trials, and in rad/s."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
     most = np.abs(samples).max(axis=0)

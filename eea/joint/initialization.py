@@ -1,8 +1,8 @@
 """Starting points of descents: random bodies and poses, and jumps between valleys.
 
-A descent ends in the valley in which it begins. A trial's angles have several, as a slow fin on the
-other side of its cycle moves almost alike. A lag has one at each sample: the robot starts with a
-jerk that a sample either contains or not.
+A descent ends in the valley in which it begins. A trial's angles have several valleys: a slow fin
+on the other side of its cycle moves almost alike. A lag has one valley for each sample: the robot
+starts with a jerk that a sample either contains or not.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from eea.joint.least_squares import COARSE, Precision, Regression, descend
 from eea.joint.parameters import Parameters
 
 EVERY_FOURTH_SAMPLE = Precision(fine=False, stride=4, difference=0.0)
-EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # a jerk is in one sample
-SCANNED_TRIALS = 4  # that rank the bodies
-SHARED_VALUES = 16  # tried for an angle that all trials share
+EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # the jerk is in one sample
+SCANNED_TRIALS = 4  # trials that rank the bodies
+SHARED_VALUES = 16  # values tried for an angle that all trials share
 HOP_STARTS = 32
 HOP_MODES = 4
 HOP_COST = 20.0
@@ -29,7 +29,7 @@ def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) ->
     """Return the most promising of random bodies, as vectors (descents, P)."""
     parameters = regression.parameters
     observed = regression.observed
-    freed = parameters.freed_entries()  # a descent would not get far from the nominal value
+    freed = parameters.freed_entries()  # descents stay near a nominal value
     drawn = latin_hypercube(effort.bodies, parameters.body + len(freed), rng)
     theta = parameters.typical(drawn[:, : parameters.body])
     theta[:, freed] = drawn[:, parameters.body :]
@@ -78,7 +78,7 @@ def pose(
 ) -> tuple[Floats, Floats]:
     """Return vectors (S, P) with the best of ``count`` random initial states of each trial.
 
-    Also return their sums of squares (S,), of the ``trials`` that are posed: all by default.
+    Also return their sums of squares (S,) over the posed ``trials``, by default all.
     """
     parameters = regression.parameters
     observed = regression.observed
@@ -125,7 +125,7 @@ def _drawn(
     shape: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Floats:
-    """Return draws (*shape, len(entries)) from the prior of entries other than angles."""
+    """Return draws (*shape, len(entries)) from the prior of entries that are not angles."""
     mean = parameters.prior_mean[entries]
     precision = parameters.prior_precision[entries]
     informed = precision > 0.0
@@ -137,7 +137,7 @@ def _drawn(
 
 
 def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Generator) -> Floats:
-    """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
+    """Return copies (H, P) of a vector (P,), each with one trial's angles in another valley."""
     parameters = regression.parameters
     observed = regression.observed
     hidden = len(parameters.angle_entries(0))
@@ -175,9 +175,9 @@ def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Gene
 
 
 def relined(regression: Regression, theta: Floats, sigma: float, each: int) -> Floats:
-    """Return vectors (H, P) like those given (S, P), but in another valley of a nuisance.
+    """Return copies (H, P) of vectors (S, P), each in another valley of a nuisance.
 
-    For each vector and each nuisance with ``valleys`` they are the best ``each`` ones.
+    The copies are the best ``each`` for every vector and every nuisance with ``valleys``.
     """
     parameters = regression.parameters
     found = [np.empty((0, len(parameters)))]
@@ -211,7 +211,7 @@ def _lined(parameters: Parameters) -> list[tuple[int, Floats]]:
 def _along(
     regression: Regression, theta: Floats, sigma: float, entry: int, tried: Floats
 ) -> tuple[Floats, Floats]:
-    """Return vectors (S, 1 + V, P), as given and with an entry's ``tried`` values, and costs."""
+    """Return vectors (S, 1 + V, P), as given and with V ``tried`` values of an entry, and costs."""
     line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
     line[:, 1:, entry] = tried
     flat = line.reshape(-1, theta.shape[1])

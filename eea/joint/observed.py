@@ -1,6 +1,6 @@
 """Observed trials, which may differ in length, rate and noise.
 
-Trials are rows of one array. One that is shorter than the longest is filled up, and what fills it
+Trials are rows of one array. Trials that are shorter than the longest are padded, and the padding
 has no weight.
 """
 
@@ -17,16 +17,16 @@ from scipy.fft import dct
 
 from eea.core.angles import Floats
 
-EVEN_TIME_SHARE = (
-    0.5  # of the mean distance of two samples: readings within it of even times count as even
-)
+# of the mean distance of two samples: readings within it of even times count as even
+EVEN_TIME_SHARE = 0.5
 
 
 class SlowBasis(NamedTuple):
     """A basis in which slow errors of one trial are independent."""
 
-    variances: Floats  #: (T,), of errors of variance 1 that are correlated by exp(-|t - t'| / d).
-    vectors: Floats | None  #: (T, T), in columns; None for the cosine transform.
+    #: (T,), variances of the coefficients, for errors correlated by exp(-|t - t'| / d).
+    variances: Floats
+    vectors: Floats | None  #: (T, T), its columns are the basis; None for the cosine transform.
 
     def transform(self, signals: Floats, axes: int) -> Floats:
         """Return the coefficients (n, axes, T) of signals (n, axes times at least T)."""
@@ -40,12 +40,12 @@ class SlowBasis(NamedTuple):
 class Observed:
     """E trials of the robot."""
 
-    commands: NDArray[Any]  #: (E, c), or another array of E rows that ``Simulate`` takes.
+    commands: NDArray[Any]  #: Commands (E, c), or another array of E rows that ``Simulate`` takes.
     signal: Floats  #: (E, T, axes), rad/s.
     #: (E, T), factors that give all samples the noise of one reading; 0 after a trial's end. None
     #: for 1.
     weight: Floats | None = None
-    #: (E, T) of the samples, in the unit of a discrepancy's duration; None for 1, 2, ...
+    #: (E, T), times of the samples in the unit of a discrepancy's duration; None for 1, 2, ...
     time: Floats | None = None
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
 
@@ -65,7 +65,7 @@ class Observed:
         return int(sum(self.counts) * self.signal.shape[2])
 
     def sampled(self, trials: Iterable[int], stride: int) -> int:
-        """Return the number of samples of some trials and all axes if every n-th is taken."""
+        """Return the number of samples in some trials and all axes if every n-th is taken."""
         return int(sum(-(-self.counts[e] // stride) for e in trials) * self.signal.shape[2])
 
     @cached_property
@@ -74,7 +74,7 @@ class Observed:
         return self.signal if self.weight is None else self.signal * self.weight[:, :, None]
 
     def simulated(self, residuals: Iterable[Floats]) -> list[Floats]:
-        """Return the signals (T, axes) of trials that leave some weighted residuals (T, axes)."""
+        """Return the simulated signals (T, axes) of trials, given weighted residuals (T, axes)."""
         found = []
         for e, left in enumerate(residuals):
             own = slice(self.counts[e])
@@ -85,7 +85,7 @@ class Observed:
     def slow_basis(self, trial: int, duration: float) -> SlowBasis:
         """Return the basis for errors of a trial that are correlated by exp(-|t - t'| / duration).
 
-        That of evenly sampled errors is nearly the cosine transform.
+        For evenly sampled errors it is nearly the cosine transform.
         """
         key = trial, duration
         if key not in self._bases:

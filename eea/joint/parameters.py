@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis, JointProblem, Prior
 
-FIXED_SLOT = -1  # in ``slots``: a constant instead of a parameter
-# The prior's precision of a dimension that a hypothesis fixes. The dimension stays an entry.
+FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
+# Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
 
 
@@ -26,16 +26,16 @@ class Parameters:
     """
 
     joint: JointProblem
-    names: tuple[str, ...]  #: Of the entries; those of trial e end in ``@e``, from 1.
+    names: tuple[str, ...]  #: Names of the entries; names of trial e end in ``@e``, counted from 1.
     low: Floats  #: Lower bounds (P,); infinite for angles.
     high: Floats  #: Upper bounds (P,).
     circular: NDArray[np.bool_]  #: Whether each entry (P,) is an angle.
-    prior_mean: Floats  #: Of the normal prior (P,).
-    prior_information: Floats  #: (P, P), its inverse covariance; 0 is uniform.
+    prior_mean: Floats  #: Mean of the normal prior (P,).
+    prior_information: Floats  #: Inverse covariance of the prior (P, P); 0 is uniform.
     slots: NDArray[
         np.intp
-    ]  #: (E, W) the entry whose value each trial's slot takes, or ``FIXED_SLOT``.
-    _places: NDArray[np.intp]  # (P,) the slot that takes each entry
+    ]  #: (E, W), the entry that gives each slot of a trial its value, or ``FIXED_SLOT``.
+    _places: NDArray[np.intp]  # (P,), the slot of each entry
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
     _span: Floats
@@ -62,7 +62,7 @@ class Parameters:
         low = np.concatenate([models.low, [n.low for n in nuisances], angles])
         span = np.concatenate([models.span, [n.high - n.low for n in nuisances], angles + 1.0])
         constants = np.zeros(len(low))
-        # Of all trials, and of each: name, slot, prior mean and precision.
+        # Entries common to all trials, and entries of each: name, slot, prior mean and precision.
         shared: list[tuple[str, int, float, float]] = []
         own: list[tuple[str, int, float, float]] = []
         for i, name in enumerate(models.names):
@@ -172,7 +172,7 @@ class Parameters:
         return np.array(own, dtype=np.intp)
 
     def freed_entries(self) -> NDArray[np.intp]:
-        """Return which entries are switches that the hypothesis has freed."""
+        """Return which entries are switches that the hypothesis frees."""
         switches = {n.name for n in self.joint.nuisances if n.switch}
         return np.flatnonzero([name in switches for name in self.names])
 
@@ -199,7 +199,7 @@ def _informed(
     means: tuple[float, ...],
     precisions: tuple[float, ...],
 ) -> tuple[Floats, Floats]:
-    """Return the mean (P,) and information (P, P) of the prior, where there is one, of entries."""
+    """Return the mean (P,) and information (P, P) of the prior of entries, 0 without a prior."""
     mean = np.array(means)
     information = np.diag(precisions)
     if prior is not None:

@@ -67,15 +67,15 @@ class Nuisance:
     name: str
     low: float
     high: float
-    nominal: float  #: Its value where it is not inferred.
+    nominal: float  #: Value where it is not inferred.
     sd: float = math.inf  #: Standard deviation of the prior.
-    group: str = ""  #: By default its own name.
+    group: str = ""  #: By default the name.
     switch: bool = False  #: Whether it is nominal unless a hypothesis changes it.
     #: Whether it is part of a trial's initial state, like the hidden angles: always inferred, for
     #: each trial.
     start: bool = False
-    #: Number of equal parts of its range between which a descent cannot move, so that each is
-    #: tried; 0 where a descent finds the best.
+    #: Number of equal parts of the range that are all tried, because no descent moves from one to
+    #: another; 0 where a descent finds the best.
     valleys: int = 0
 
     def __post_init__(self) -> None:
@@ -103,16 +103,16 @@ class Hypothesis:
     ()
     """
 
-    name: str  #: A clause, for people.
-    #: Values of dimensions and nuisances that it fixes.
+    name: str  #: A clause for findings.
+    #: Fixed values of dimensions and nuisances, by name.
     fixed: Mapping[str, float] = field(default_factory=dict)
     shared_angles: tuple[str, ...] = ()  #: Hidden angles that are the same in all trials.
     freed: tuple[str, ...] = ()  #: Switches that are inferred.
-    part: str = ""  #: The name of the part that it concerns, if any.
+    part: str = ""  #: Name of the affected part, if any.
     changed: tuple[str, ...] = ()  #: Parameters whose prior is dropped.
-    #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
+    #: Number of changes. It is fitted only where no hypothesis with fewer explains the trials.
     changes: int = 1
-    odds: float = 1.0  #: Its prior probability, relative to that of the others.
+    odds: float = 1.0  #: Prior probability relative to the others.
 
     def __post_init__(self) -> None:
         text("name", self.name)
@@ -139,7 +139,7 @@ class Part:
 
     sizes: Mapping[str, str]  #: Dimension -> its label, such as "length".
     area: tuple[str, ...] = ()  #: Two dimensions whose product is the part's area, if it has one.
-    hint: str = ""  #: Which trial would determine them.
+    hint: str = ""  #: A clause on the trial that would determine the dimensions.
 
     def __post_init__(self) -> None:
         mapping("sizes", self.sizes, str)
@@ -153,9 +153,9 @@ DifferenceShapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
 
 @dataclass(frozen=True)
 class Calibration:
-    """Factors on the half widths of intervals, of split-conformal prediction.
+    """Factors of split-conformal prediction on the half widths of intervals.
 
-    With them, 90% intervals hold 90% of each dimension in the robots that they were made with.
+    With these factors, 90% intervals hold 90% of each dimension in the calibration robots.
 
     Examples
     --------
@@ -164,7 +164,7 @@ class Calibration:
     array([0.9, 0.8])
     """
 
-    #: Noise over the signal's norm, ascending, at which ``rows`` are given.
+    #: Noise divided by the signal's norm, ascending; one level for each row.
     levels: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
 
@@ -177,7 +177,7 @@ class Calibration:
         finite("rows", self.rows, (len(levels), None))
 
     def factors(self, level: float) -> Floats:
-        """Return the factors (n,) at a level; beyond the first and last they are as there."""
+        """Return the factors (n,) at a level, constant beyond the first and the last level."""
         at = np.log(max(level, 1e-12))
         knots = np.log(self.levels)
         return np.array([np.interp(at, knots, row) for row in zip(*self.rows, strict=True)])
@@ -187,11 +187,12 @@ class Calibration:
 class Discrepancy:
     """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
 
-    share: float  #: Standard deviation, as a share of the signal's rms.
-    #: After which it has changed by a factor of e, in the unit of the trials' times: in samples,
-    #: where those have none.
+    share: float  #: Standard deviation of the error, as a share of the signal's rms.
+    #: Time in which the error's correlation falls by a factor of e, in the unit of the trials'
+    #: times, or in samples where trials have no times.
     duration: float
-    shapes: DifferenceShapes | None = None  #: The differences of known shape, or none.
+    #: Function that returns the differences of known shape, or None.
+    shapes: DifferenceShapes | None = None
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
 
     def __post_init__(self) -> None:
@@ -210,8 +211,8 @@ class Prior:
     """A normal prior of some dimensions and nuisances, as shares of their ranges."""
 
     names: tuple[str, ...]
-    mean: Floats  #: (n,)
-    covariance: Floats  #: (n, n)
+    mean: Floats  #: Mean (n,).
+    covariance: Floats  #: Covariance (n, n).
 
     def __post_init__(self) -> None:
         count = len(all_of("names", self.names, str))
@@ -252,12 +253,12 @@ class JointProblem:
     simulate: Simulate
     nuisances: tuple[Nuisance, ...] = ()
     hypotheses: tuple[Hypothesis, ...] = ()  #: Alternatives to ``nominal``.
-    parts: Mapping[str, Part] = field(default_factory=dict)  #: By name, for the findings.
-    nominal: Hypothesis = AS_COMMANDED  #: That holds unless something is odd.
-    prior: Prior | None = None  #: Instead of uniform sizes and the nuisances' own priors.
-    #: The hidden angles that are unknown, which alone ``simulate`` takes; None for all.
+    parts: Mapping[str, Part] = field(default_factory=dict)  #: Parts by name, for the findings.
+    nominal: Hypothesis = AS_COMMANDED  #: Hypothesis of the intact robot.
+    prior: Prior | None = None  #: Prior that replaces uniform sizes and the nuisances' own priors.
+    #: The unknown hidden angles, the only ones that ``simulate`` takes; None for all.
     hidden: tuple[str, ...] | None = None
-    discrepancy: Discrepancy | None = None  #: How far ``simulate`` may be from the robot.
+    discrepancy: Discrepancy | None = None  #: Model discrepancy of ``simulate``.
     stride: int = MOST_STRIDE  #: Early stages of a search compare every n-th sample, at most.
 
     def __post_init__(self) -> None:

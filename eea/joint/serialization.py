@@ -1,8 +1,7 @@
 """A joint posterior as a few arrays of numbers, and back: for a file without pickle.
 
-The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The others
-are flat, with as many numbers for each mode, of all hypotheses one after the other, zeros at the
-end.
+The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The other
+arrays have a row for each mode, one hypothesis after the other, padded with zeros.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 POSTERIOR_SCHEMA = "eea.posterior/4"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
-MOST_SLOTS = 10**7  # numbers that all trials are simulated with
+MOST_SLOTS = 10**7  # numbers in the slots of all trials
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
@@ -81,12 +80,12 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
-    """Return the posterior that :func:`to_arrays` wrote; it can do everything except simulate.
+    """Return the posterior that :func:`to_arrays` wrote; it cannot simulate.
 
     Raises
     ------
     ConfigurationError
-        If the arrays do not describe a posterior, or that of another version.
+        If the arrays do not describe a posterior, or a posterior of another version.
     """
     try:
         header = json.loads(arrays["header"].tobytes())

@@ -48,7 +48,7 @@ class JointInference(Session[JointState]):
     Examples
     --------
     A wheel turns at the commanded speed from an unknown angle. Its gyroscope reads the unknown
-    radius times the sine of its angle:
+    radius times the sine of the angle:
 
     >>> from eea.core.genome import action_layout, model_layout
     >>> from eea.core.problem import Problem
@@ -91,7 +91,7 @@ class JointInference(Session[JointState]):
         super().__init__(target, problem, config, seed, truth, state, streams(seed))
 
     def _choose(self, state: JointState, rngs: Streams) -> tuple[Floats, float | None]:
-        """Return a fast command, one of those performed least often, and no ACT_FIT."""
+        """Return the fast command performed least often, and no ACT_FIT."""
         performed = state.observed.commands
         return fast_command(self._problem.actions, performed, rngs["exploration"]), None
 
@@ -120,7 +120,7 @@ class JointInference(Session[JointState]):
 def round_fit(posterior: JointPosterior) -> RoundFit:
     """Return the record of a posterior from :func:`eea.joint.inference.fit`.
 
-    The interval of hidden angles in it is of the newest trial.
+    The record holds the intervals of the newest trial's hidden angles.
     """
     warm_start = posterior.warm_start
     assert warm_start is not None
