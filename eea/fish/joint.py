@@ -31,22 +31,25 @@ from eea.joint.problem import (
 )
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
-FINER_STEPS = 4  # for each of the simulator's steps; they show the error of its time step
+FINER_STEPS = 4  # per step of the simulator, to measure the error of its time step
 GYRO_SCALE_SD = 0.03
 GYRO_MOUNTING_SD = 0.03  # rad, about each axis
-HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
-HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
+HULL_MASS_SD = 1.0  # share of the nominal mass, because the hull is little known
+HEAVIER_HULL = 1.1  # factor on the nominal mass, to measure the effect of mass
 
-# The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a laboratory's
-# robot; the ranges are beyond what is plausible.
+#: The switch of each fin's servo.
+SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
+
+# The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a robot in a
+# laboratory; the ranges exceed plausible values.
 NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"current {axis}", -0.5, 0.5, 0.0, 0.15, "current") for axis in "xyz"),
     *(Nuisance(f"drag of the {what}", 0.5, 1.5, 1.0, 0.2, "drag") for what in ("fins", "body")),
     Nuisance("servo gain", 0.7, 1.3, 1.0, 0.1, "servo_gain"),
     *(Nuisance(f"gyro bias {axis}", -0.3, 0.3, 0.0, 0.05, "gyro_bias") for axis in "xyz"),
-    # A servo starts with a jerk, which lies within a sample of 0.01 s or not.
+    # A servo starts with a jerk. A sample of 0.01 s either contains it or not.
     Nuisance("lag", 0.0, 0.2, 0.0, 0.05, valleys=20),
-    # The tail's sweep is symmetric: reversal only shifts its phase.
+    # The tail's sweep is symmetric, so reversal only shifts its phase.
     *(
         Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
         for fin, name in SERVO.items()
@@ -62,7 +65,7 @@ SERVO_PLACES = slice(10, 13)
 REACTIVE_PLACE = 13
 
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
-# gyroscope measures the spin up to its noise.
+# gyroscope measures the spin, apart from its noise.
 START_NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"start velocity {axis}", -2.0, 2.0, 0.0, 0.5, start=True) for axis in "xyz"),
     *(Nuisance(f"start spin {axis}", -0.5, 0.5, 0.0, 0.1, start=True) for axis in "xyz"),
@@ -84,12 +87,12 @@ def fish_signal(
     """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
     ``nuisances`` (B, n) has the columns of ``NUISANCES``, or in mid-swim those of ``fish_joint``.
-    With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers. ``hull`` is a factor
-    on the hull's mass.
+    With the ``windows`` of a log, ``commands`` (B,) are numbers of windows. ``hull`` is a factor on
+    the hull's mass.
     """
     start = None if windows is None else windows.start
     reactive = nuisances[:, REACTIVE_PLACE] > 0.5
-    if reactive.any() and not reactive.all():  # an engine's call has one kind of water
+    if reactive.any() and not reactive.all():  # all robots of a call share one kind of water
         parts = [
             fish_signal(
                 bodies[rows],
@@ -110,7 +113,7 @@ def fish_signal(
         "body": bodies,
         "fin_angles": angles,
         "current": np.asarray(simulator.current) + nuisances[:, CURRENT_PLACES],
-        # A heavier hull moves as if all else weighed less and met less drag.
+        # A heavier hull is simulated as lighter fins with less drag.
         "drag": nuisances[:, DRAG_PLACES] / hull,
         "fin_density": np.full(len(bodies), 1.0 / hull),
         "servo_gain": nuisances[:, GAIN_PLACES] * nuisances[:, SERVO_PLACES],
@@ -124,7 +127,7 @@ def fish_signal(
         spin = windows.spin[commands] - nuisances[:, BIAS_PLACES] + nuisances[:, SPIN_PLACES]
         fields |= {"current": still, "velocity": nuisances[:, VELOCITY_PLACES], "spin": spin}
     scenario = Scenario.fill(fields, bool(reactive.any()))
-    if start is not None:  # until then every servo obeyed its command
+    if start is not None:  # before the start every servo obeyed its command
         obeyed = replace(scenario, servo_gain=still + nuisances[:, GAIN_PLACES])
         scenario = replace(obeyed, schedule=(Change(0, np.arange(len(bodies)), scenario),))
     gyro = simulate_scenario(
@@ -153,15 +156,15 @@ def fish_discrepancy(
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
 ) -> Floats:
-    """Return what the simulator may get wrong in a known way, (B, K, T, 3) in rad/s.
+    """Return errors of known shape (B, K, T, 3) that the simulator may have, in rad/s.
 
-    Each is one standard deviation: the error of its time step, the mass of the hull, a scale of
+    Each is one standard deviation: the error of the time step, the mass of the hull, a scale of
     the gyroscope, and a turn of the gyroscope about each axis.
     """
     robots = (bodies, nuisances, commands, angles, True)
     now = fish_signal(*robots, simulator, windows)
     finer = replace(simulator, substeps=min(FINER_STEPS * simulator.substeps, MAXIMUM_SUBSTEPS))
-    # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
+    # The scheme is of first order: n times finer steps leave 1/n of the error.
     left = simulator.substeps / finer.substeps
     step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
     heavier = (
@@ -174,15 +177,15 @@ def fish_discrepancy(
 
 
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
-    """Return how far the simulator may be from the robot, as measured."""
+    """Return the measured discrepancy between the simulator and the robot."""
     table = discrepancy_table()
-    unit = TIMESTEP if windows is None else 1.0  # s: trials that were commanded have no times
+    unit = TIMESTEP if windows is None else 1.0  # s, because trials of commands have no times
     calibration = Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"])))
     return Discrepancy(
         table["share"],
         table["seconds"] / unit,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
-        # Measured in trials from rest: intervals of windows in mid-swim are left as wide.
+        # The factors hold for trials from rest: they do not scale intervals from mid-swim.
         calibration if windows is None or not windows.begun else None,
     )
 
@@ -197,10 +200,10 @@ def discrepancy_table() -> dict[str, Any]:
 
 
 def _at_known_start(nuisance: Nuisance) -> Nuisance:
-    """Return a nuisance as it is where the initial state is known, in still water."""
+    """Return a nuisance for a known initial state in still water."""
     if nuisance.group == "current":
         return replace(nuisance, switch=True)
-    # A reversed tail shows where its phase is known.
+    # A reversed tail can be recognised if its phase is known.
     return replace(nuisance, low=-1.0) if nuisance.name == SERVO["caudal"] else nuisance
 
 
@@ -214,9 +217,9 @@ def fish_nuisances(windows: LogWindows | None = None) -> tuple[Nuisance, ...]:
 
 
 def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
-    """Raise a ConfigurationError if a log has no such group of nuisances; None is all of them.
+    """Raise a ConfigurationError for a group of nuisances that a log lacks; None is all groups.
 
-    It needs no simulator, so it is quick where nothing is compiled yet.
+    It needs no simulator, so it is quick before anything is compiled.
     """
     groups = groups_of(fish_nuisances(windows))
     for name in chosen or ():
@@ -226,7 +229,7 @@ def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
 def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) -> JointProblem:
     """Return the fish as a joint problem, for trials from rest or for the windows of a log.
 
-    The commands of a log's windows (E,) are their numbers from 0.
+    The windows (E,) of a log are numbered from 0; these numbers replace commands.
     """
     known = windows is not None and windows.start is not None
     hypotheses = HYPOTHESES

@@ -1,4 +1,4 @@
-"""What was known of a robot's body before a swim, and how each fin may have changed since."""
+"""Priors of a body: its earlier posterior, and the ways in which each fin may have changed."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from eea.joint.plausibility import check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem
 
-CHANGE_PROBABILITY = 0.1  # of each fin
-MOST_CHANGES = 2  # fins at once
+CHANGE_PROBABILITY = 0.1  # probability for each fin
+MOST_CHANGES = 2  # maximum number of fins that changed
 UNCHANGED_NAME = "nothing has changed"
 
 
 def known_body(
     body: Morphology, noise: float, nuisances: Sequence[str] | None = None
 ) -> JointPosterior:
-    """Return the posterior of a body that is known without trials, such as the undamaged one.
+    """Return the posterior of a body that is known without trials, such as the intact body.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def known_body(
     Raises
     ------
     ConfigurationError
-        If the noise is no finite number of at least 1e-9, or there is no such nuisance.
+        If the noise is not a finite number of at least 1e-9, or a nuisance is unknown.
 
     Examples
     --------
@@ -95,12 +95,12 @@ def check_belief(argument: str, belief: object, joint: JointProblem) -> None:
 
 
 def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProblem:
-    """Return a problem whose robot had a body until some of its fins changed, or none.
+    """Return a problem with a prior: the earlier body, of which up to two fins may have changed.
 
-    Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
-    changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
-    tried where no change of one explains the trials. There is no model discrepancy: the prior was
-    fitted with this simulator.
+    The prior is the most probable hypothesis of a posterior. Each fin changed with a probability of
+    0.1: it has other sizes, its servo another speed, or it is missing. Changes of two fins are
+    tried only where no change of one explains the trials. There is no model discrepancy: the prior
+    was fitted with this simulator.
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
@@ -120,8 +120,10 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
 
 
 def _changes(fin: str) -> list[Hypothesis]:
-    """Return the ways in which a fin may change, all equally probable."""
-    weak = fault_hypothesis(fin, "weak")
+    """Return the possible changes of a fin, all equally probable."""
+    word = FIN_WORDS[fin]
+    sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
+    servo = (SERVO[fin],)
     return [
         Hypothesis(
             f"the {FIN_WORDS[fin]} has other sizes",
