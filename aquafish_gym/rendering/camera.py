@@ -1,4 +1,4 @@
-"""The camera: from where a picture is taken, and where points of the world are in it."""
+"""The camera: the point of view of a picture, and the projection of points to pixels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
 
 Frame = NDArray[np.uint8]
-NEAREST_DEPTH = 0.1  # depth, in units, from which on something is drawn
+NEAREST_DEPTH = 0.1  # units; points closer to the camera are not drawn
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class Camera:
     Attributes
     ----------
     distance
-        From the target, in units of 5 cm.
+        Distance from the target, in units of 5 cm.
     azimuth, elevation
-        Of the camera about the vertical and above the target, degrees: azimuth 0 looks along the
-        world's y from behind the robot's start, 90 looks along -x from its right.
+        Angles of the camera about the vertical and above the target, degrees. Azimuth 0 looks
+        along the world's y from behind the robot's start, 90 looks along -x from its right.
     target
         A point to look at, or None to follow the robot.
     field_of_view
-        Vertical, degrees.
+        Vertical field of view, degrees.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class CameraView(NamedTuple):
     up: Floats
     forward: Floats
     slope: float  #: The tangent of half the vertical field of view.
-    distance: float  #: From the eye to what it looks at.
+    distance: float  #: Distance from the eye to the target.
 
     def project(self, points: Floats, width: int, height: int) -> Floats:
         """Return the pixels (..., 2), column and row, and the depth (..., 1) of points (..., 3)."""

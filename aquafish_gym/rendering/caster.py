@@ -1,7 +1,7 @@
-"""Pictures by casting rays at the floor and at the robots' parts, compiled by numba.
+"""Ray casting of the floor and the robots' parts into pictures, compiled by numba.
 
-A picture has the same bytes on every CPU: it takes one thread, no fast-math, and only operations
-that IEEE 754 rounds exactly, which excludes ``exp``.
+A picture has the same bytes on every CPU. The caster uses one thread, no fast-math, and only
+operations that IEEE 754 rounds exactly; this excludes ``exp``.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from aquafish_gym.rendering.camera import NEAREST_DEPTH, CameraView, Frame
 from aquafish_gym.rendering.scene import DrawnRobots
 from aquafish_gym.utils.array_types import Floats
 
-_LIGHT = (0.3492, -0.2993, 0.8880)  # the direction towards it
-_VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
+_LIGHT = (0.3492, -0.2993, 0.8880)  # direction towards the light
+_VISIBILITY = 2.5  # in camera distances; there the floor has faded to 1/e
 _SHADE = 0.3  # share of the floor's light that a shadow takes
 _FAR = 1e9
-# What a pixel shows in place of a part; no part or shadow is near.
+# Content of a pixel without a part. Unseen: no part or shadow is near.
 _WATER = -1
 _SHADOW = -2
 _UNSEEN = -3
@@ -35,7 +35,7 @@ def draw(
 ) -> tuple[Frame, Floats]:
     """Return a picture (height, width, 3) of robots in their water, over the ruled floor.
 
-    And how much of each pixel (height, width) the robots cover, 0 to 1.
+    Also return the share (height, width) of each pixel that the robots cover.
     """
     x, y, z, w = np.moveaxis(robots.poses[..., 3:], -1, 0)
     axes = [  # as the columns of a matrix
@@ -46,7 +46,7 @@ def draw(
     half = robots.sizes / 2
     centres = robots.poses[..., :3]
     table = [half, centres, np.stack(axes, axis=-1), robots.colours]
-    table.append(np.sum(half**2, axis=-1, keepdims=True))  # of the radius of a ball that holds it
+    table.append(np.sum(half**2, axis=-1, keepdims=True))  # squared radius of a bounding ball
     parts = np.concatenate(table, axis=-1).reshape(-1, 19)
     shown = np.full((height, width), _UNSEEN, np.int32)
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8)
@@ -79,7 +79,7 @@ def _fog(x: float) -> float:
 
 @_jit
 def _line(at: float, spacing: float, width: float, blur: float) -> Any:
-    """Return how much of a pixel of size ``blur`` is covered by lines, 0 to 1."""
+    """Return the share of a pixel of size ``blur`` that lines cover."""
     turns = at / spacing
     off = spacing * abs(turns - np.floor(turns + 0.5))
     covered = min(max((width / 2 + blur / 2 - off) / blur, 0.0), 1.0)
@@ -103,7 +103,7 @@ def _paint_water(picture: Any, camera: Any, colours: Any) -> None:
             y0 = eye[1] + along * (forward[1] + rise * up[1])
             dx = along * pixel * right[0]
             dy = along * pixel * right[1]
-            # The extent of a pixel on the floor is that to the next column and to the next row.
+            # A pixel on the floor extends to the next column and to the next row.
             deep = abs(up[2] * pixel / fall)
             rx = abs(dx) + along * pixel * abs(up[0])
             ry = abs(dy) + along * pixel * abs(up[1])
@@ -128,7 +128,7 @@ def _paint_water(picture: Any, camera: Any, colours: Any) -> None:
 
 @_jit
 def _into(parts: Any, m: int, v: Any) -> tuple[float, float, float]:
-    """Return a vector of the world in a part's own axes."""
+    """Return a vector of the world in the axes of a part."""
     return (
         parts[m, 6] * v[0] + parts[m, 9] * v[1] + parts[m, 12] * v[2],
         parts[m, 7] * v[0] + parts[m, 10] * v[1] + parts[m, 13] * v[2],
@@ -153,7 +153,7 @@ def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
         return _FAR, (0.0, 0.0, 0.0)
     t = -(b + math.sqrt(square)) / a
     cap = min(max(o[1] + t * d[1], -end), end)
-    if cap != o[1] + t * d[1]:  # past the cylinder's end: the ball there
+    if cap != o[1] + t * d[1]:  # past the end of the cylinder: the ball at its end
         ball = (o[0], o[1] - cap, o[2])
         b = _dot(ball, d)
         square = b * b - _dot(ball, ball) + radius * radius
@@ -166,7 +166,7 @@ def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 
 @_jit
 def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
-    """Return the same of a box."""
+    """Return the distance along a ray to a box, and the normal there."""
     near = -_FAR
     far = _FAR
     axis = 0
@@ -184,7 +184,7 @@ def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 
 @_jit
 def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
-    """Return distance, number of the part and normal, in its own axes, of what a ray hits first."""
+    """Return distance, part and normal (in the part's axes) of the first hit of a ray."""
     best = _FAR
     found = _WATER
     normal = (0.0, 0.0, 0.0)
@@ -206,10 +206,10 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
 
 @_jit
 def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tuple[int, Any]:
-    """Return which surface is seen in a direction, and its colour.
+    """Return the visible surface in a direction, and its colour.
 
     ``side`` and ``rise`` are the tangents to the right of the camera's axis and above it. Without
-    robots the colour is that ``behind`` them.
+    robots the colour is ``behind``.
     """
     eye, right, up, forward, _, floor, fog = camera
     dx = forward[0] + side * right[0] + rise * up[0]
@@ -245,7 +245,7 @@ def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tup
 
 @_jit
 def _mix(a: Any, b: Any, share: float) -> tuple[float, float, float]:
-    """Return a colour between two."""
+    """Return a mixture of two colours."""
     return (
         a[0] + share * (b[0] - a[0]),
         a[1] + share * (b[1] - a[1]),

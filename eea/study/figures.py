@@ -49,7 +49,7 @@ def save_study_figures(
 
 
 def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str, Figure]:
-    """Return every figure that a study has the numbers for, by name."""
+    """Return every figure that the study's numbers allow, by name."""
     arms = results.arms
     figures = {
         FIGURE_NAMES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
@@ -78,7 +78,7 @@ def rounds_figure(results: StudyResults, summary: Mapping[str, Any], arm: str) -
         colour = duration_colour(steps, every)
         marker = MARKERS[every.index(steps) % len(MARKERS)]
         if len(curves) > 1:
-            # No OBJ_FIT passes 1, which a mean and an SD can.
+            # OBJ_FIT cannot exceed 1, but a mean plus an SD can.
             low = mean - deviation
             high = np.minimum(mean + deviation, 1.0)
             axes.fill_between(mean.index, low, high, color=colour, alpha=0.12, lw=0)
@@ -184,7 +184,7 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
 def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = False) -> None:
     """Draw each arm's mean over durations and its 95% interval; angles in degrees, if inferred.
 
-    Labels give the number n of replicates, which arms need not share.
+    Labels give the number n of replicates of each arm.
     """
     arms = results.arms
     number = np.arange(1, results.rounds + 1)
@@ -205,7 +205,7 @@ def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = Fa
 
 
 def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]) -> None:
-    """Give axes of OBJ_FIT against round their scale, the same for all of a study's arms."""
+    """Give axes of OBJ_FIT against round one scale for all arms of a study."""
     least = min(summary["guesses"].values())
     for arm in results.arms:
         for steps in results.durations(arm):
@@ -220,7 +220,7 @@ def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]
 
 
 def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, colour: Any) -> None:
-    """Draw points beside each other where they would hide one another, and a box behind."""
+    """Draw points, shifted sideways where they would overlap, and a box behind them."""
     step = 0.012
     offsets = np.zeros(len(values))
     groups = np.floor(values / step)

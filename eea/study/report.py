@@ -22,14 +22,14 @@ from eea.study.summary import summarize_study
 def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) -> list[Path]:
     """Write results.csv, summary.json, summary.md and the figures of a study; return the files.
 
-    They are a function of ``study.json`` and the finished replicates in ``runs/``, or of
-    ``results.csv`` where there is no such folder. The same results give the same bytes. The formats
-    of the figures are among "png", "pdf" and "svg".
+    The files depend only on ``study.json`` and the finished replicates in ``runs/``, or on
+    ``results.csv`` without that folder. The same results give the same bytes. ``formats`` of the
+    figures are among "png", "pdf" and "svg".
 
     Raises
     ------
     InvalidArgumentError
-        If there is no such format.
+        If a format is unknown.
     ConfigurationError
         If the folder holds no study or no finished replicate.
     DamagedFileError
