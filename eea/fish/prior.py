@@ -95,7 +95,7 @@ def check_belief(argument: str, belief: object, joint: JointProblem) -> None:
 
 
 def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProblem:
-    """Return a problem with a prior: the earlier body, of which up to two fins may have changed.
+    """Return a problem with a prior: the earlier body, with changes of at most two fins.
 
     The prior is the most probable hypothesis of a posterior. Each fin changed with a probability of
     0.1: it has other sizes, its servo another speed, or it is missing. Changes of two fins are

@@ -1,4 +1,4 @@
-"""Which command joint inference performs next: servos at the ends of their ranges."""
+"""The next command of joint inference: servos at the ends of their ranges."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _beyond(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
 
 
 class Fit(NamedTuple):
-    """How well a hypothesis explains the data."""
+    """A hypothesis and its fit to the data."""
 
     hypothesis: Hypothesis
     probability: float

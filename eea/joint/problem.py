@@ -185,7 +185,7 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
+    """Size and shape of a simulator's errors; see ``eea.joint.discrepancy``."""
 
     share: float  #: Standard deviation of the error, as a share of the signal's rms.
     #: Time in which the error's correlation falls by a factor of e, in the unit of the trials'
