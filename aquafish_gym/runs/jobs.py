@@ -31,11 +31,10 @@ from aquafish_gym.utils.storage import (
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-SCHEMA = "aquafish.result/1"
-TIMES = "aquafish.times/1"
+RESULT_SCHEMA = "aquafish.result/1"
+TIMES_SCHEMA = "aquafish.times/1"
 TRIES = 3  # starts of an unfinished job if worker processes die
 SILENT_SECONDS = 25.0  # s, longest time without a line
-BEAT_SECONDS = 5.0  # s, between two checks
 COMPILING = "what is not compiled yet compiles first, for up to a minute"  # in every worker
 _LONGEST = 300  # characters in the reason of a failure
 

@@ -22,7 +22,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK = ".aquafish.lock"
 SETTINGS = "settings.json"
-SCHEMA = "aquafish.folder/1"
+FOLDER_SCHEMA = "aquafish.folder/1"
 REMOVES_OPEN_FILES = os.name != "nt"
 LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",

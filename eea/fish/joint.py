@@ -37,9 +37,6 @@ GYRO_MOUNTING_SD = 0.03  # rad, about each axis
 HULL_MASS_SD = 1.0  # share of the nominal mass, because the hull is little known
 HEAVIER_HULL = 1.1  # factor on the nominal mass, to measure the effect of mass
 
-#: The switch of each fin's servo.
-SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
-
 # The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a robot in a
 # laboratory; the ranges exceed plausible values.
 NUISANCES: tuple[Nuisance, ...] = (

@@ -121,9 +121,7 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
 
 def _changes(fin: str) -> list[Hypothesis]:
     """Return the possible changes of a fin, all equally probable."""
-    word = FIN_WORDS[fin]
-    sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
-    servo = (SERVO[fin],)
+    weak = fault_hypothesis(fin, "weak")
     return [
         Hypothesis(
             f"the {FIN_WORDS[fin]} has other sizes",
