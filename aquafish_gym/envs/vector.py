@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from aquafish_gym.envs.compiled import Outcome
 
 States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
-Counts = NDArray[np.int64]
 Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
@@ -152,7 +151,7 @@ class AquaFishVectorEnv(
         self._now: States = self._swimmers.states.copy()
         self._speeds = np.zeros((3, self.num_envs))  # that the servos obey, rev/s, rev/s and Hz
         self._judge = Judge(self.task)
-        self._steps: Counts = np.full(self.num_envs, self._last)
+        self._steps: NDArray[np.int64] = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
         self._reckoned: Floats = np.zeros((3, self.num_envs))
@@ -249,9 +248,7 @@ class AquaFishVectorEnv(
         outcome = judge.outcome(self._now, len(self._limits))
         given = (self._swimmers.states, self._now, over, action, self._memory, self.dt)
         self._swimmers.advance(
-            self._speeds.T,
-            self.frame_skip,
-            lambda *robots: judge.fill(outcome, robots, *given),
+            self._speeds.T, self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given)
         )
         self._now = outcome.now
         if self._reckons:
