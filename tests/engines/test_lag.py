@@ -62,7 +62,8 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 def series(seed: int, count: int) -> np.ndarray:
     """Return commands (ROBOTS, count, 3)."""
-    low, high = [-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]
+    low = [-0.5, -0.5, 0.0]
+    high = [0.5, 0.5, 1.0]
     return np.random.default_rng(seed).uniform(low, high, (ROBOTS, count, 3))
 
 
@@ -78,7 +79,8 @@ def test_engines_agree_on_open_loops(scenario: Scenario, seed: int, interval: in
     ]
     for robot in range(ROBOTS):
         one = scenario.take(robot)
-        world, felt = make_world("numba", one), []
+        world = make_world("numba", one)
+        felt = []
         for begin, end, change in one.segments(STEPS):
             if change is not None:
                 world.update(change.to)
@@ -135,7 +137,8 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
         verb = ("start", "update", "update", "set_current")[turn % 4]
         if verb == "start":
             one = replace(one, servo_lag=np.full(len(rows), LONGEST if late else 0.0))
-        current, command = rng.uniform(-0.3, 0.3, (ROBOTS, 3)), series(turn, 1)[:, 0]
+        current = rng.uniform(-0.3, 0.3, (ROBOTS, 3))
+        command = series(turn, 1)[:, 0]
         for swimmers in many:
             if verb == "set_current":
                 swimmers.set_current(current)
@@ -191,7 +194,8 @@ def test_a_lag_that_comes_with_a_restart_leaves_the_others_as_they_were(dtype: A
     scenario = Scenario.create(
         TRIALS.morphologies, fin_angles=TRIALS.fin_angles, servo_lag=[0.033, 0.05, 0.0]
     )
-    grown, plain = LaneBatch(scenario, dtype), LaneBatch(scenario, dtype)
+    grown = LaneBatch(scenario, dtype)
+    plain = LaneBatch(scenario, dtype)
     for turn, command in enumerate(series(0, 8).transpose(1, 0, 2)):
         if turn == 4:
             grown.start(replace(scenario.take(2), servo_lag=np.array([0.4])), np.array([2]))

@@ -156,7 +156,9 @@ def compile_kernel(
             if closed:  # that of an action which goes on from the call before
                 speeds = lane_servo_speeds(fetch_vector(kept, ACTION_ROW, 0, 1, zero))
             by = _driven(gain, speeds, h)
-            in_block, held, asked = 0, phase, 0
+            in_block = 0
+            held = phase
+            asked = 0
             for t in range(steps):
                 # The policy commands the servos, ...
                 if held == 0 or (t == 0 and not closed):
