@@ -1,12 +1,12 @@
-"""Commands: three servo speeds (Sec. 3.1), the actions that they are scaled from, and where the
-fins are once they are obeyed."""
+"""Commands: three servo speeds (Sec. 3.1), the actions that they are scaled from, how late servos
+follow them, and where the fins are once they are obeyed."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.physics.arithmetic import Number, Vector, floor, where_less
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
 SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
@@ -76,6 +76,34 @@ def scale_action(action: ArrayLike) -> NDArray[np.float64]:
     """Map actions, clipped to [-1, 1], shape (..., 3), to servo commands in rev/s, rev/s, Hz."""
     clipped = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
     return np.stack(servo_speeds(tuple(np.moveaxis(clipped, -1, 0))), axis=-1)
+
+
+def lag_parts(lag: Number) -> tuple[Number, Number]:
+    """Return the whole steps of a lag, in steps, and the share of a step's newer command.
+
+    In each step a late servo first follows the older of two consecutive commands, and then the
+    newer one, which was given the whole steps before.
+    """
+    whole = floor(lag)
+    return whole, whole + 1.0 - lag
+
+
+def late_command(older: Vector, newer: Vector, share: Number) -> Vector:
+    """Return the command that late servos follow in a step: its mean over the step.
+
+    So a servo's speed is constant within a step, and its angle is continuous in the lag.
+    """
+    return (
+        _mean(older[0], newer[0], share),
+        _mean(older[1], newer[1], share),
+        _mean(older[2], newer[2], share),
+    )
+
+
+def _mean(older: Number, newer: Number, share: Number) -> Number:
+    mean = share * newer + (1.0 - share) * older
+    # Exact where both are one: the mean would be rounded.
+    return where_less(older, newer, mean, where_less(newer, older, mean, newer))
 
 
 def reckon(angles: Vector, speeds: Vector, turn: Number) -> Vector:

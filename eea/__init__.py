@@ -1,9 +1,9 @@
 """The Estimation-Exploration Algorithm for robots that do not know where their fins are.
 
-The algorithm, ``eea.core``, knows no robot: it asks a ``Target`` and a ``Simulator``, and needs
-numpy only. ``eea.joint``, which needs scipy too, is the method beyond the paper: it infers body,
-angles and nuisances together. ``eea.fish`` binds both to the fish of ``aquafish_gym``,
-``eea.study`` repeats them in numbers. All but the core are loaded when first used.
+The algorithm, ``eea.core``, contains no robot: it calls a ``Target`` and a ``Simulator``, and needs
+numpy only. ``eea.joint``, the method beyond the paper, infers body, angles and nuisances together,
+and also needs scipy. ``eea.fish`` binds both to the fish of ``aquafish_gym``. ``eea.study`` runs
+many replicates. All packages except the core are loaded when first used.
 """
 
 import lazy_loader

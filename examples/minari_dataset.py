@@ -18,13 +18,15 @@ from typing import Annotated, ClassVar
 import gymnasium as gym
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from aquafish_gym import IDS
-from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.runs.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.runs.progress import track
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
+from gait.scores.episode import transitions
 
 
 @dataclass(frozen=True)
@@ -74,18 +76,20 @@ class MinariDataset:
         made = gym.make(
             self.env, engine="numba", damage=self.damage, frame_skip=controller.interval
         )
-        collector, rng = DataCollector(made, record_infos=True), np.random.default_rng(self.seed)
+        collector = DataCollector(made, record_infos=True)
+        agent = ControllerAgent(controller)
+        rng = np.random.default_rng(self.seed)
+
+        def act(seen: NDArray[np.float32]) -> NDArray[np.float64]:
+            wanted = agent.act(seen) + rng.normal(0.0, self.noise, 3)
+            return np.clip(wanted, -1.0, 1.0)
+
         returns = []
         for episode in track(range(self.episodes), "swimming", self.episodes):
             seen, info = collector.reset(seed=self.seed + episode)
-            act, total, over, step = controller.policy(info["fin_angles"]), 0.0, False, 0
-            while not over:
-                wanted = np.asarray(act(seen, step * controller.interval * TIMESTEP), float)
-                wanted = wanted + rng.normal(0.0, self.noise, 3)
-                action = np.clip(wanted, -1.0, 1.0).astype(np.float32)
-                seen, reward, terminated, truncated, _ = collector.step(action)
-                total, over, step = total + float(reward), terminated or truncated, step + 1
-            returns.append(total)
+            agent.reset(info)
+            steps = transitions(collector, act, seen)
+            returns.append(sum(float(step.reward) for step in steps))
         dataset = collector.create_dataset(
             dataset_id=self.name,
             algorithm_name=f"{self.controller.name}, noise {self.noise:g}",

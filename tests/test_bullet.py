@@ -119,7 +119,7 @@ def test_pybullet_is_the_equations_to_rounding(
 def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None:
     """Trap: an inertia set beside damping lands on the base; without a shape it is zero."""
     body = random_trials(1, 3).morphologies[0]
-    world.reset(start(body, STILL))
+    world.start(start(body, STILL))
     p, column = load_pybullet(), robot_parameters(body[None])[:, 0][:-1].reshape(3, 8)
     for link in range(3):
         info = p.getDynamicsInfo(world._robot, link, physicsClientId=world._client)
@@ -131,7 +131,7 @@ def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None
 
 def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     command, angles = (0.5, -0.5, 1.0), (0.3, -2.0, 1.0)
-    world.reset(start(MAXIMA, angles))
+    world.start(start(MAXIMA, angles))
     world.advance(command, 200)
     (left, left_rate, *_), (right, *_), (tail, tail_rate, *_) = world._bullet.getJointStates(
         world._robot, [0, 1, 2], physicsClientId=world._client
@@ -146,12 +146,12 @@ def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
 
 def test_a_reset_forgets_everything(world: BulletWorld) -> None:
     def swim() -> tuple[object, ...]:
-        world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
+        world.start(start(NOMINAL, (0.1, 0.2, 0.3)))
         world.advance((0.4, 0.3, 0.6), 50)
         return (world.position, world.orientation, world.velocity, world.world_spin)
 
     first = swim()
-    world.reset(start(MAXIMA, (1.0, 2.0, 3.0)))
+    world.start(start(MAXIMA, (1.0, 2.0, 3.0)))
     world.advance((-0.5, 0.2, 1.0), 50)
     assert swim() == first
 
@@ -159,7 +159,7 @@ def test_a_reset_forgets_everything(world: BulletWorld) -> None:
 def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld) -> None:
     ends = []
     for either in (compiled_push(push), push):
-        world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
+        world.start(start(NOMINAL, (0.1, 0.2, 0.3)))
         world._push = either
         world.advance((0.4, -0.3, 0.6), 100)
         ends.append((world.position, world.orientation, world.velocity, world.world_spin))
@@ -186,7 +186,7 @@ def test_resets_and_worlds_do_not_leak() -> None:
     def work(times: int) -> None:
         for _ in range(times):
             world = BulletWorld()
-            world.reset(start(NOMINAL, STILL))
+            world.start(start(NOMINAL, STILL))
             world.advance((0.1, 0.2, 0.3), 2)
             world.close()
 

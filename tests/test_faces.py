@@ -1,13 +1,15 @@
 """Every engine and every face gives the same observations of the same scenario.
 
 The single environment on both engines, the batched one, and a rollout swim the same robots, drawn
-by hypothesis: what breaks and when, the water, the fins' angles, the task.
+by hypothesis: what breaks and when, the water, the fins' angles, the task. Rollouts and
+``simulate`` take scenarios, and so servos with a lag, too.
 """
 
 from __future__ import annotations
 
 import copy
 import importlib.util
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym import Damage
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.rollout import rollout
+from aquafish_gym.rollout.plan import is_ever_late
 from aquafish_gym.scenario import Scenario
 
 HOLD, STEPS = 20, 12
@@ -53,13 +58,28 @@ scenes = st.fixed_dictionaries(
 )
 
 
-def streams(scene: dict[str, Any], task: str, seed: int) -> dict[str, np.ndarray]:
-    """Return the observations (STEPS, k) of each face."""
+def late_scenario(scenario: Scenario, lag: float) -> Scenario:
+    """Return a scenario whose servos have a lag in s throughout."""
+    changes = [change._replace(to=late_scenario(change.to, lag)) for change in scenario.schedule]
+    lags = np.full(len(scenario), lag)
+    return replace(scenario, servo_lag=lags, schedule=tuple(changes))
+
+
+Streams = dict[str, np.ndarray]
+
+
+def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Streams]:
+    """Return what each face observes (STEPS, k); then of a scenario whose servos are late.
+
+    Then what those robots' gyroscopes would say, (STEPS x HOLD, 3), if they were whole.
+    """
     actions = np.random.default_rng(seed).uniform(-1, 1, (STEPS, 3)).astype(np.float32)
     own = task == "station"  # this task has a current of its own
     current = (0.0, 0.0, 0.0) if own else scene["current"]
     options = {**scene, "current": current, "task": task, "fin_angles": "random"}
-    found = {}
+    found: Streams = {}
+    late: Streams = {}
+    swum: Streams = {}
     for engine in ENGINES:
         env = AquaFishEnv(engine=engine, frame_skip=HOLD, **options)
         seen, info = env.reset(seed=seed)
@@ -73,35 +93,54 @@ def streams(scene: dict[str, Any], task: str, seed: int) -> dict[str, np.ndarray
         envs.close()
         found[f"batched, {engine}"] = np.array(rows)
     # The first observation's noise is drawn after the reset; a copy of the generator comes later.
-    if "noise" not in scene["damage"]:
-        robot = Scenario.create(
-            fin_angles=info["fin_angles"][None], current=[current], reactive=scene["reactive"]
-        )
+    if "noise" in scene["damage"]:
+        return [found, late, swum]
+    whole = Scenario.create(
+        fin_angles=info["fin_angles"][None], current=[current], reactive=scene["reactive"]
+    )
+    robot = Damage.coerce(scene["damage"] or None).edit(whole, HOLD)
+
+    def roll(robot: Scenario, engine: str) -> tuple[np.ndarray, np.ndarray]:
         rows = []
 
         def act(observation: np.ndarray, _: float) -> np.ndarray:
             rows.append(observation)
             return actions[len(rows) - 1]
 
-        rollout(
+        swims = rollout(
             [act],
-            Damage.coerce(scene["damage"] or None).edit(robot, HOLD),
+            robot,
             check_task(task),
+            engine=engine,
             seconds=STEPS * HOLD / 100,
             interval=HOLD,
             memory=[memory],
             rngs=[rng],
         )
-        found["rollout"] = np.array(rows)
-    return found
+        return np.array(rows), swims.paths[0].gyro
+
+    found["rollout"], _ = roll(robot, "numba")
+    slow = late_scenario(robot, lag)
+    for engine in ENGINES:
+        late[f"rollout, {engine}"], swum[f"rollout, {engine}"] = roll(slow, engine)
+        if not own and not is_ever_late(slow):
+            series = scale_action(actions)[None]
+            log = simulate_scenario(
+                slow, series, STEPS * HOLD, engine, "float64", record="gyro", interval=HOLD
+            )
+            swum[f"simulate, {engine}"] = log.gyro[0]  # type: ignore[index]
+    return [found, late, swum]
 
 
 @pytest.mark.parametrize("task", ["forward", "station", "waypoint"])
 @settings(max_examples=12)
-@given(scene=scenes, seed=st.integers(0, 1000))
-def test_every_face_observes_the_same(task: str, scene: dict[str, Any], seed: int) -> None:
-    found = streams(scene, task, seed)
-    first = found.pop("single, numba")
-    assert np.ptp(first, axis=0).max() > 0.01  # it swims
-    for name, rows in found.items():
-        np.testing.assert_allclose(rows, first, atol=2e-6, err_msg=name)
+@given(scene=scenes, lag=st.floats(0.001, 0.3), seed=st.integers(0, 1000))
+def test_every_face_observes_the_same(
+    task: str, scene: dict[str, Any], lag: float, seed: int
+) -> None:
+    found, late, swum = streams(scene, task, lag, seed)
+    assert np.ptp(found["single, numba"], axis=0).max() > 0.01  # it swims
+    for faces, atol in ((found, 2e-6), (late, 2e-6), (swum, 1e-8)):
+        for name, rows in faces.items():
+            first = next(iter(faces.values()))
+            np.testing.assert_allclose(rows, first, rtol=0, atol=atol, err_msg=name)

@@ -13,7 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward, Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout import Trajectories, rollout
-from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agent import ControllerAgent
@@ -200,8 +200,6 @@ def test_what_does_not_fit_is_refused() -> None:
         rollout(program, whole(), TASKS[1], interval=5)
     with pytest.raises(InvalidArgumentError, match="goal"):
         rollout(program, whole(), seconds=1.0)
-    with pytest.raises(InvalidArgumentError, match="servo_lag must be 0"):
-        swim(TASKS[1], replace(whole(), servo_lag=np.full(ROBOTS, 0.1)))
     with pytest.raises(InvalidArgumentError, match=r"interval must divide the 410 steps.+got 20"):
         rollout(program, whole(), TASKS[1], seconds=4.1)
     with pytest.raises(InvalidArgumentError, match="one kind"):

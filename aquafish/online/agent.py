@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import MAXIMUM_REFINED_NODES, Swimming, imagine, load_library
+from aquafish.online.gaits import (
+    act_in,
+    begin_gait,
+    gait_to_refine,
+    imagine,
+    load_library,
+    swim_ahead,
+)
 from aquafish.online.hypotheses import damage_text
 from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
 from aquafish.online.recognition import Recognised
@@ -162,11 +169,12 @@ class SelfModelAgent:
         self._action = np.zeros(3, np.float32)
         self._broken = Damage()
         self._case: Case | None = None
-        self._quiet, self._foreign = 0, False
+        self._quiet = 0
+        self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
-        self._swimming = Swimming(self.library[0], self.hold)
+        self._swimming = begin_gait(self.library[0])
         self._refined: deque[Controller] = deque(maxlen=REFINED_GAITS)
 
     @property
@@ -177,7 +185,7 @@ class SelfModelAgent:
     @property
     def gait(self) -> Controller:
         """The controller that it swims."""
-        return self._swimming.gait
+        return self._swimming.controller
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
@@ -199,14 +207,14 @@ class SelfModelAgent:
         if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
             raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
         if self._steps:
-            readings, most = given.reshape(-1)[: len(CHANNELS)], limits(False, False)
-            self._observe(observed_directions(valid_readings(readings, most)))
+            readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
+            self._observe(observed_directions(readings))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
             self._thoughts.remove(thought)
             self._use(thought)
-        self._action = self._swimming.act(self.model.state)
+        self._action = act_in(self._swimming, self.model.state)
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
@@ -246,14 +254,15 @@ class SelfModelAgent:
         self.model = calibration.model
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
-            self._swimming = Swimming(self.library[0], self.hold)
+            self._swimming = begin_gait(self.library[0])
         self._foreign = calibration.foreign
         if self._steps == WATER_ACTIONS and calibration.other_water:
             self._log("water", calibration.other_water)
             self._change_gait()
         if enough:
             self._monitor, self._drift = calibration.finish()
-            self._intact, self._calibration = self.model.robot, None
+            self._intact = self.model.robot
+            self._calibration = None
             self._change_gait()
 
     def _open(self) -> Case:
@@ -261,7 +270,8 @@ class SelfModelAgent:
         used = np.isfinite(noise_of(self._intact))
         exact = not self.config.gyro_noise and self._drift[used].max() < CHANNEL_TOLERANCE
         back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
-        before, broken = [self.model.robot], [self._broken]
+        before = [self.model.robot]
+        broken = [self._broken]
         if self.model.robot is not self._intact:  # what broke may have ended
             before, broken = [*before, self._intact], [*broken, Damage()]
         first = max(len(self._moments) - 1 - back, 0)
@@ -288,7 +298,7 @@ class SelfModelAgent:
         self.events.append(thought.event)
         if isinstance(thought.result, Controller):
             if thought.result is not self.gait:
-                self._swimming = Swimming(thought.result, self.hold)
+                self._swimming = begin_gait(thought.result)
                 self._refined.append(thought.result)
             self._refine()
             return
@@ -296,7 +306,8 @@ class SelfModelAgent:
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
-        state, since = found.state, self._steps - round(thought.event.seconds / self.dt)
+        state = found.state
+        since = self._steps - round(thought.event.seconds / self.dt)
         if since:
             actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
@@ -312,16 +323,17 @@ class SelfModelAgent:
 
     def _change_gait(self) -> None:
         """Swim the best known gait from now on, and refine it meanwhile."""
-        began, left = time.process_time(), self._left(0)
+        began = time.process_time()
+        left = self._left(0)
         if left < self.dt:
             return
         gaits = self._gaits
         far = imagine(gaits, self.model.robot, self.model.state, left)
-        _, going_on = self._swimming.ahead(self.model, 0, round(left / self.dt))
+        _, going_on = swim_ahead(self._swimming, self.model, 0, round(left / self.dt))
         about = f"to go on, which should make {going_on:.1f} units"
         if far.max() > going_on:
             best = int(far.argmax())
-            self._swimming = Swimming(gaits[best], self.hold)
+            self._swimming = begin_gait(gaits[best])
             name = f"gait {best}" if best < len(self.library) else "a gait refined before"
             about = f"{name}, which should make {far.max():.1f} units"
         self._log("chose", about, time.process_time() - began)
@@ -345,13 +357,10 @@ class SelfModelAgent:
             return
         self._rounds -= 1
         until = actions + round(left / self.dt)
-        state, expected = self._swimming.ahead(self.model, actions, until)
-        first = self.gait
-        if len(first.bias) > MAXIMUM_REFINED_NODES:
-            small = [gait for gait in self._gaits if len(gait.bias) <= MAXIMUM_REFINED_NODES]
-            if not small:
-                return
-            first = small[int(imagine(small, robot, state, left).argmax())]
+        state, expected = swim_ahead(self._swimming, self.model, actions, until)
+        first = gait_to_refine(self.gait, self._gaits, robot, state, left)
+        if first is None:
+            return
         found = evolve_gait(
             robot.body[0],
             EvolveConfig(

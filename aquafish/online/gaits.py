@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.online.self_model import SelfModel, imu_readings, predict
-from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.controller import Controller, program_of
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller
 from gait.scores.fitness import swim_scores
 
 LIBRARY_SCHEMA = "aquafish.library/1"
@@ -52,41 +52,46 @@ def imagine(
     return far[:, 0]
 
 
-class Swimming:
-    """A gait that a robot swims, beginning now, with the fin angles that its self-model has."""
+def gait_to_refine(
+    swum: Controller, gaits: Sequence[Controller], robot: Scenario, state: Floats, seconds: float
+) -> Controller | None:
+    """Return the gait that is swum; if it is too large to refine, the best small one, if any.
 
-    def __init__(self, gait: Controller, hold: int) -> None:
-        program = program_of([gait])
-        self.gait = gait
-        self._function = program.function
-        self._dt = hold * TIMESTEP
-        self._network = program.weights[:, 0].tolist(), program.layout.tolist()
-        self._memory, self._actions = [0.0] * program.scratch, 0
+    The others are compared as by :func:`imagine`.
+    """
+    if swum.nodes <= MAXIMUM_REFINED_NODES:
+        return swum
+    small = [gait for gait in gaits if gait.nodes <= MAXIMUM_REFINED_NODES]
+    return small[int(imagine(small, robot, state, seconds).argmax())] if small else None
 
-    def act(self, state: Floats) -> NDArray[np.float32]:
-        """Return the next action (3,), in [-1, 1], in a state (25,)."""
-        self._actions += 1
-        return self._act(state, self._memory, self._actions - 1)
 
-    def ahead(self, model: SelfModel, actions: int, until: int) -> tuple[Floats, float]:
-        """Return the state (25,) after some actions, and the way from there until another, units.
+def begin_gait(gait: Controller) -> ControllerAgent:
+    """Return an agent that swims a gait, beginning now; see :func:`act_in`."""
+    agent = ControllerAgent(gait)
+    agent.reset({"fin_angles": np.zeros(3)})  # act_in sets them
+    return agent
 
-        Both are counted from now.
-        """
-        memory = list(self._memory)
-        y = FIELDS["position"].start + 1
-        state = then = model.state
-        for k in range(until):
-            if k <= actions:
-                then = state
-            action = self._act(state, memory, self._actions + k).astype(float)
-            state = predict(model.robot, state, action[None], model.hold)[1][:, 0]
-        return then, float(state[y] - then[y])
 
-    def _act(self, state: Floats, memory: list[float], number: int) -> NDArray[np.float32]:
-        seen, seconds = imu_readings(state[:, None])[0].tolist(), number * self._dt
-        fins = (angles_of_rows(state) / TAU).tolist()
-        action = self._function(
-            *self._network, memory, 0, 1, seconds, seen[:3], seen[3:6], seen[6:], fins, [0.0] * 3
-        )
-        return np.clip(np.asarray(action, np.float32), -1.0, 1.0)
+def act_in(agent: ControllerAgent, state: Floats) -> NDArray[np.float32]:
+    """Return the next action (3,), in [-1, 1], in a state (25,), whose fin angles it knows."""
+    agent.fin_angles = angles_of_rows(state)[None]
+    return agent.act(imu_readings(state[:, None])[0])
+
+
+def swim_ahead(
+    agent: ControllerAgent, model: SelfModel, actions: int, until: int
+) -> tuple[Floats, float]:
+    """Return the state (25,) after some actions, and the way from there until another, units.
+
+    Both are counted from now. A copy of the agent swims: it does not change itself.
+    """
+    swimmer = agent.copy()
+    state = model.state
+    states = [state]
+    for _ in range(until):
+        action = act_in(swimmer, state).astype(float)
+        state = predict(model.robot, state, action[None], model.hold)[1][:, 0]
+        states.append(state)
+    then = states[actions]
+    y = FIELDS["position"].start + 1
+    return then, float(state[y] - then[y])

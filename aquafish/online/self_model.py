@@ -120,9 +120,9 @@ class SelfModel:
         action = finite_array("action", action, (3,))
         spread = _POINTS @ np.linalg.cholesky(self.covariance).T
         points = moved(self.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
-        self._lanes.place(points)
+        self._lanes.states[:] = points
         self._lanes.advance(np.tile(scale_action(action), (points.shape[1], 1)), self.hold)
-        ended = self._lanes.rows()
+        ended = self._lanes.states.astype(np.float64)
         errors = state_errors(ended[:, 1:], ended[:, 0])
         mean = errors.mean(axis=0)
         self.state = moved(ended[:, 0], mean[None])[:, 0]
@@ -195,12 +195,12 @@ def predict(
             f"states must have shape ({STATE_ROWS},) or ({STATE_ROWS}, {count}); got {states.shape}"
         )
     lanes = LaneBatch(robots, threads=1)
-    lanes.place(np.broadcast_to(states.reshape(len(states), -1), (len(states), len(robots))))
+    lanes.states[:] = states.reshape(len(states), -1)
     observed = np.empty((len(robots), len(actions), 9))
     for k, command in enumerate(scale_action(actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)
-        observed[:, k] = imu_readings(lanes.rows())
-    return observed, lanes.rows()
+        observed[:, k] = np.transpose(imu(lanes.state()))
+    return observed, lanes.states.astype(np.float64)
 
 
 def observed_directions(readings: Floats) -> Floats:

@@ -16,6 +16,7 @@ from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from gait.controllers.controller import Controller
+from gait.scores.episode import transitions
 from gait.scores.rollout import random_poses
 from gait.scores.transfer import TransferConfig
 
@@ -53,14 +54,10 @@ def swim_on(
         agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology))
         observation, _ = env.reset(options={"fin_angles": pose})
         agent.begin(pose)
-        way = [0.0]
-        diverged = False
-        over = False
-        while not (over or diverged):
-            observation, _, diverged, over, info = env.step(agent.act(observation))
-            way.append(info["y_position"])
+        steps = list(transitions(env, agent.act, observation))
+        way = [0.0, *(step.info["y_position"] for step in steps)]
         first, last = np.interp((ONSET_SECONDS, end), env.dt * np.arange(len(way)), way)
-        target.append(math.nan if diverged else last - first)
+        target.append(math.nan if steps[-1].terminated else last - first)
         model = agent.model
         native.append(imagine([agent.gait], model.robot, model.state, config.seconds)[0])
         agents.append(agent)

@@ -119,7 +119,7 @@ class LiveSwim:
         lost = np.isnan(self.robots.fin_angles)  # of servos without power
         self._angles = np.where(lost, self._angles, self.robots.fin_angles)
         self._lanes = LaneBatch(replace(self.robots, fin_angles=self._angles), np.float64)
-        self.states = self._lanes.rows()
+        self.states = self._lanes.states.astype(np.float64)
         self.pilot.agent.reset({"fin_angles": self._angles.copy()})
         self.actions = np.zeros((self.count, 3))
         self._become()
@@ -189,9 +189,9 @@ class LiveSwim:
             self._lanes.advance(self._servos.carry(asked, self._everyone), stride)
             self.steps += stride
             self.held += stride
-            if self._lanes.diverged().any():
+            if self._lanes.diverged.any():
                 self.reset()
-            self.states = self._lanes.rows()
+            self.states = self._lanes.states.astype(np.float64)
             self._become()
             self._observe()
 
@@ -209,7 +209,7 @@ class LiveSwim:
         key = (faults, self._sizes.tobytes(), self._current.tobytes())
         if key != self._key:
             self._key, self.robots = key, self._present()
-            self._lanes.update(self._everyone, self.robots)
+            self._lanes.update(self.robots)
             self._sensors.update(self._everyone, Readings.of(self.robots))
             now, dt = self.robots, TIMESTEP * self._stride
             delays = delay_steps(now.servo_delay, dt)

@@ -89,8 +89,8 @@ def simulate(
         How many samples each command of a series is held: 5 for one at 20 Hz. Refused with
         commands that are held throughout.
     begun
-        For the compiled engine, as the next two: how many samples of the series had passed when the
-        trial began, in mid-swim. Its servos turn already then.
+        For the compiled engine: how many samples of the series had passed when the trial began, in
+        mid-swim. Its servos turn already then.
     velocity
         (3,) or (B, 3) velocity at the start, units/s in body axes, up to 20 each way.
     spin
@@ -178,10 +178,10 @@ def simulate_scenario(
         return simulate_lanes(
             scenario, commands, steps, kind, substeps, threads, record, interval, begun
         )
-    if begun or scenario.velocity.any() or scenario.spin.any():
+    if begun:
         raise InvalidArgumentError(
-            f'begun, velocity and spin must be 0 for the engine "{engine}", whose trials begin at '
-            'rest; engine="numba" begins in mid-swim'
+            f'begun must be 0 for the engine "{engine}", whose fins are still when a trial begins; '
+            f'engine="numba" begins in mid-series; got {begun}'
         )
     from aquafish_gym.engines.bullet.simulate import simulate_bullet
 

@@ -1,68 +1,110 @@
-"""One robot, commanded step by step on an engine: the world of an environment."""
+"""Robots in the water: one, the world of an environment, or many.
+
+Engines have the same verbs for one robot (:class:`World`) as for B (:class:`Swimmers`):
+
+- ``start(scenario)`` puts robots at the origin, upright and facing +y, as the scenario says; they
+  forget earlier commands.
+- ``update(scenario)`` gives them the bodies, the drag, the water and the servos of a scenario in
+  mid-swim; they keep their motion.
+- ``set_current(current)`` sets the velocity of the water from now on.
+- ``advance(command, steps)`` holds a command in rev/s, rev/s and Hz for some steps of 0.01 s.
+- ``state()`` returns the :class:`~aquafish_gym.physics.kinematics.State` that they are in.
+- ``diverged`` says whether they ran away; see ``RUNAWAY_SQUARE``.
+- ``close()`` frees what the engine holds; closing twice does no harm.
+
+Servos follow the command that was given ``servo_lag`` seconds before, and the command was 0 before
+the first one; :func:`~aquafish_gym.command.late_command` says how fast they turn in a step. A lag
+that changes in mid-swim is no longer than the longest one of the scenario, its schedule included,
+with which the robot started: no earlier commands are remembered.
+
+Otherwise a scenario's schedule is for the caller, and so are the faults of its sensors.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aquafish_gym.command import lag_parts, late_command
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
+from aquafish_gym.physics.layout import state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.array_types import Triple
+from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows, Triple
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 # A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
 # though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot
 # that runs away never reaches infinity there.)
 RUNAWAY_SQUARE = 1e12
 
+STILL: Vector = (0.0, 0.0, 0.0)
+
 
 class World(ABC):
-    """One robot in the water. The scenarios that it takes are of one robot.
+    """One robot in the water; the module's docstring says what the methods mean.
 
-    Its servos follow the command that was given ``servo_lag`` seconds before. A servo's speed is
-    constant within a step of 0.01 s: it is the mean, over the step, of the delayed command, which
-    is 0 before the first one.
+    The scenarios that it takes are of one robot. Engines define what is abstract here.
     """
 
-    diverged = False  #: Whether the robot ran away; see ``RUNAWAY_SQUARE``.
-    # The commands of the last lag and step; the first two of them count.
-    _given: deque[NDArray[np.float64]] | None = None
-    _rest = 0.0  # of the lag, in steps
+    diverged = False  #: Whether the robot ran away.
+    # The commands of the last steps, as far back as a lag may reach; None without one.
+    _given: deque[Vector] | None = None
+    _longest_lag = 0.0  # s
+    _whole_lag = 0  # steps
+    _newer_share = 1.0
 
-    def reset(self, scenario: Scenario) -> None:
-        """Put the robot at the origin, upright, facing +y and at rest, fins as the scenario has."""
-        whole, self._rest = divmod(float(scenario.servo_lag[0]) / TIMESTEP, 1.0)
-        lags, count = whole or self._rest, int(whole) + 2
-        self._given = deque(np.zeros((count, 3)), maxlen=count) if lags else None
+    def start(self, scenario: Scenario) -> None:
+        """Put the robot at the start of a scenario."""
+        self._longest_lag = longest_lags(scenario).item()
+        count = remembered_steps(self._longest_lag)
+        self._given = deque([STILL] * count, count) if self._longest_lag else None
+        self._set_lag(scenario)
         self._start(scenario)
+
+    def update(self, scenario: Scenario) -> None:
+        """Give the robot the body, the drag, the water and the servos of a scenario in mid-swim.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the servos' lag is longer than the robot remembers its commands.
+        """
+        check_lags(scenario, self._longest_lag)
+        self._set_lag(scenario)
+        self._update(scenario)
 
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s."""
-        if self._given is None:
+        given = self._given
+        if given is None:
             self._swim(command, steps)
             return
         for _ in range(steps):
-            self._given.append(np.array(command))
-            older, newer = self._given[0], self._given[1]
-            left, right, caudal = (self._rest * older + (1.0 - self._rest) * newer).tolist()
-            self._swim((left, right, caudal), 1)
+            given.append(command)
+            newest = len(given) - 1 - self._whole_lag
+            self._swim(late_command(given[newest - 1], given[newest], self._newer_share), 1)
+
+    def _set_lag(self, scenario: Scenario) -> None:
+        whole, self._newer_share = lag_parts(scenario.servo_lag.item() / TIMESTEP)
+        self._whole_lag = int(whole)
 
     @abstractmethod
     def _start(self, scenario: Scenario) -> None:
-        """Do the engine's part of :meth:`reset`."""
+        """Do the engine's part of :meth:`start`."""
+
+    @abstractmethod
+    def _update(self, scenario: Scenario) -> None:
+        """Do the engine's part of :meth:`update`: all of it except the servos' lag."""
 
     @abstractmethod
     def _swim(self, command: Vector, steps: int) -> None:
         """Advance with servos that obey at once."""
-
-    @abstractmethod
-    def update(self, scenario: Scenario) -> None:
-        """Give the robot the scenario's body, drag, current and servo gains in mid-swim."""
 
     @abstractmethod
     def set_current(self, current: Triple) -> None:
@@ -82,6 +124,84 @@ class World(ABC):
         """Free what the world holds; closing twice does no harm."""
 
 
+class Swimmers(ABC):
+    """B robots in the water; the module's docstring says what the methods mean.
+
+    ``rows`` (n,) are the numbers of the robots of a scenario of n; None is all.
+    """
+
+    batch: int  #: B
+
+    @abstractmethod
+    def start(self, scenario: Scenario, rows: Rows | None = None) -> None:
+        """Put the robots ``rows`` at the start of a scenario."""
+
+    @abstractmethod
+    def update(self, scenario: Scenario, rows: Rows | None = None) -> None:
+        """Give the robots ``rows`` bodies, drag, water and servos of a scenario in mid-swim.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If a servo's lag is longer than its robot remembers its commands.
+        """
+
+    @abstractmethod
+    def set_current(self, current: Floats) -> None:
+        """Set the velocity of the water (B, 3) from now on, units/s in the world."""
+
+    @abstractmethod
+    def advance(
+        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
+    ) -> None:
+        """Hold commands (B, 3), in rev/s, rev/s and Hz, for some steps of 0.01 s.
+
+        Call ``after(i, j)`` once robots i to j - 1 have swum, in the thread in which they did.
+        """
+
+    @property
+    @abstractmethod
+    def states(self) -> Reals:
+        """The states (25, B) themselves, no copy: those of ``State``, then roll, pitch and yaw."""
+
+    def state(self) -> State:
+        """Return the robots' state on rows (B,)."""
+        return state_from_numbers(self.states.astype(np.float64))
+
+    @property
+    def diverged(self) -> Flags:
+        """Which robots (B,) ran away and left the finite numbers."""
+        return np.logical_not(np.isfinite(self.states).all(axis=0))
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free what the engine holds; closing twice does no harm."""
+
+
+def longest_lags(scenario: Scenario) -> Floats:
+    """Return the longest lag (B,) that each robot of a scenario ever has, s."""
+    longest = scenario.servo_lag
+    for _, rows, to in scenario.schedule:
+        longest = longest.copy()
+        longest[rows] = np.maximum(longest[rows], to.servo_lag)
+    return longest
+
+
+def remembered_steps(lag: float) -> int:
+    """Return how many commands count, of the last steps and the present one, with a lag in s."""
+    return int(lag / TIMESTEP) + 2
+
+
+def check_lags(scenario: Scenario, longest: Floats | float) -> None:
+    """Refuse an update to lags beyond the ``longest`` (n,) for which commands are remembered."""
+    beyond = scenario.servo_lag > longest
+    if beyond.any():
+        raise InvalidArgumentError(
+            "servo_lag must not grow beyond the longest one of the scenario with which a robot "
+            f"started; got {scenario.servo_lag[beyond].max():g} s"
+        )
+
+
 # Loaded when first used: these modules import this one.
 WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
@@ -91,8 +211,6 @@ WORLDS: dict[str, str] = {
 
 def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1) -> World:
     """Return a world with a scenario's one robot at its start, for a checked engine or a class.
-
-    The scenario's schedule and its sensors' faults are for the caller.
 
     Examples
     --------
@@ -104,5 +222,5 @@ def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1)
     """
     kind: Any = resolve_name(WORLDS[engine]) if isinstance(engine, str) else engine
     world: World = kind(substeps)
-    world.reset(scenario)
+    world.start(scenario)
     return world

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
 from aquafish_gym.engines.world_batch import WorldBatch
+from aquafish_gym.engines.worlds import Swimmers
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
@@ -19,9 +20,6 @@ from aquafish_gym.rendering import render_pose
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
-
-if TYPE_CHECKING:
-    from aquafish_gym.engines.compiled.lanes import LaneBatch
 
 NUMBA_PRECISION = "float32"  # of a batch whose precision is not given
 
@@ -111,9 +109,7 @@ def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Flags) 
     return info | finals | {"final_info": final, "_final_info": ended.copy()}
 
 
-def make_swimmers(
-    scenario: Scenario, engine: object, dtype: object, threads: object
-) -> LaneBatch | WorldBatch:
+def make_swimmers(scenario: Scenario, engine: object, dtype: object, threads: object) -> Swimmers:
     """Return the robots of a scenario on an engine; refuse options that the engine lacks.
 
     The arguments are those of the vector environment.

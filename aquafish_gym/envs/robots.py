@@ -194,7 +194,7 @@ class OneRobot:
         if self.world is None:
             self.world = make_world(self._engine, scenario, self._substeps)
         else:
-            self.world.reset(scenario)
+            self.world.start(scenario)
         self.robots.start(ONLY_ROBOT, scenario)
         self._next_change = int(self.robots.next_change[0])
         return self.world

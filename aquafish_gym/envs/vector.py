@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from aquafish_gym.envs.compiled import Outcome
 
 States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
-Counts = NDArray[np.int64]
 Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
@@ -149,9 +148,10 @@ class AquaFishVectorEnv(
         self._memory: Floats = np.zeros((0, self.num_envs))
         self._swimmers = batching.make_swimmers(scenario, engine, dtype, threads)
         # The present states (25, num_envs), or the last ones before a robot diverged.
-        self._now: States = self._swimmers.state_rows().copy()
+        self._now: States = self._swimmers.states.copy()
+        self._speeds = np.zeros((3, self.num_envs))  # that the servos obey, rev/s, rev/s and Hz
         self._judge = Judge(self.task)
-        self._steps: Counts = np.full(self.num_envs, self._last)
+        self._steps: NDArray[np.int64] = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
         self._reckoned: Floats = np.zeros((3, self.num_envs))
@@ -216,7 +216,8 @@ class AquaFishVectorEnv(
     def _command(self, actions: object) -> Floats:
         """Let the servos do actions (num_envs, 3); return what they obey, (3, num_envs)."""
         raw = episode.float_action(actions, (self.num_envs, 3))
-        gains, speeds = self._robots.now.servo_gain, self._swimmers.command_rows()
+        gains = self._robots.now.servo_gain
+        speeds = self._speeds
         action = self._judge.command(raw, gains, speeds)
         if action is None:
             return finite_array("action", raw, raw.shape)  # refuses
@@ -245,8 +246,10 @@ class AquaFishVectorEnv(
             self._swimmers.set_current(np.stack([x, y, z], axis=1))
         judge = self._judge = self._judge.of(self.task)
         outcome = judge.outcome(self._now, len(self._limits))
-        given = (self._swimmers.state_rows(), self._now, over, action, self._memory, self.dt)
-        self._swimmers.swim(self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given))
+        given = (self._swimmers.states, self._now, over, action, self._memory, self.dt)
+        self._swimmers.advance(
+            self._speeds.T, self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given)
+        )
         self._now = outcome.now
         if self._reckons:
             speeds = servo_speeds(batching.components(action))
@@ -290,7 +293,7 @@ class AquaFishVectorEnv(
         if due.any():
             changed = np.flatnonzero(due & ~bad)
             self._robots.change(changed)
-            self._swimmers.update(changed, self._engine_robots(changed))
+            self._swimmers.update(self._engine_robots(changed), changed)
 
     def _engine_robots(self, rows: Rows) -> Scenario:
         robots = self._robots.now.take(rows)
@@ -307,8 +310,8 @@ class AquaFishVectorEnv(
             self._memory = np.zeros((memories.shape[1], self.num_envs))
         self._memory[:, rows] = memories.T
         self._reckoned[:, rows] = start.fin_angles.T
-        self._swimmers.restart(rows, self._engine_robots(rows))
-        self._now[:, rows] = self._swimmers.state_rows()[:, rows]
+        self._swimmers.start(self._engine_robots(rows), rows)
+        self._now[:, rows] = self._swimmers.states[:, rows]
 
     def _begin_again(self, over: Flags, outcome: Outcome) -> None:
         """Put the robots whose episodes are over at the start of the next ones."""

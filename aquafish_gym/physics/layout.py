@@ -8,7 +8,8 @@ scalar backend (``arithmetic.py``).
 - A **state** has 25 rows: the numbers of ``State`` in its order, then roll, pitch and yaw.
 - A **robot** has 25 rows: left, right and caudal ``Fin``, the numbers of each in its order, and
   the scale of the body's drag.
-- Its **conditions** have 6 rows: the water's velocity, and the gains of the three servos.
+- Its **conditions** have 7 rows: the water's velocity, the gains of the three servos, and their
+  lag in steps of 0.01 s.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ FIN_ROWS = 8
 ROBOT_ROWS = 3 * FIN_ROWS + 1
 CURRENT = 0
 SERVO_GAIN = 3
-CONDITION_ROWS = 6
+SERVO_LAG = 6
+CONDITION_ROWS = 7
 # The columns of (width, length, thickness) of each fin among the nine dimensions.
 _COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
 
@@ -167,12 +169,13 @@ def robot_parameters(
 
 
 def condition_rows(
-    current: NDArray[np.float64], servo_gain: NDArray[np.float64]
+    current: NDArray[np.float64], servo_gain: NDArray[np.float64], lag: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the conditions (6, B) for currents and gains (B, 3)."""
+    """Return the conditions (7, B) for currents and gains (B, 3), and lags (B,) in steps."""
     rows = np.empty((CONDITION_ROWS, len(current)))
     rows[CURRENT : CURRENT + 3] = current.T
     rows[SERVO_GAIN : SERVO_GAIN + 3] = servo_gain.T
+    rows[SERVO_LAG] = lag
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The camera: from where a picture is taken, and where points of the world are in it."""
+"""The camera: the point of view of a picture, and the projection of points to pixels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
 
 Frame = NDArray[np.uint8]
-NEAREST_DEPTH = 0.1  # depth, in units, from which on something is drawn
+NEAREST_DEPTH = 0.1  # units; points closer to the camera are not drawn
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class Camera:
     Attributes
     ----------
     distance
-        From the target, in units of 5 cm.
+        Distance from the target, in units of 5 cm.
     azimuth, elevation
-        Of the camera about the vertical and above the target, degrees: azimuth 0 looks along the
-        world's y from behind the robot's start, 90 looks along -x from its right.
+        Angles of the camera about the vertical and above the target, degrees. Azimuth 0 looks
+        along the world's y from behind the robot's start, 90 looks along -x from its right.
     target
         A point to look at, or None to follow the robot.
     field_of_view
-        Vertical, degrees.
+        Vertical field of view, degrees.
 
     Examples
     --------
@@ -55,11 +55,13 @@ class Camera:
     def look(self, robot: Floats) -> CameraView:
         """Return the view that follows a robot at this position (3,)."""
         target = robot if self.target is None else np.array(self.target)
-        a, e = math.radians(self.azimuth), math.radians(self.elevation)
+        a = math.radians(self.azimuth)
+        e = math.radians(self.elevation)
         back = np.array([math.sin(a) * math.cos(e), -math.cos(a) * math.cos(e), math.sin(e)])
         right = np.array([math.cos(a), math.sin(a), 0.0])
         slope = math.tan(math.radians(self.field_of_view) / 2)
-        eye, up = target + self.distance * back, np.cross(back, right)
+        eye = target + self.distance * back
+        up = np.cross(back, right)
         return CameraView(eye, right, up, -back, slope, self.distance)
 
 
@@ -71,7 +73,7 @@ class CameraView(NamedTuple):
     up: Floats
     forward: Floats
     slope: float  #: The tangent of half the vertical field of view.
-    distance: float  #: From the eye to what it looks at.
+    distance: float  #: Distance from the eye to the target.
 
     def project(self, points: Floats, width: int, height: int) -> Floats:
         """Return the pixels (..., 2), column and row, and the depth (..., 1) of points (..., 3)."""

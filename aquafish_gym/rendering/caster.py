@@ -1,7 +1,7 @@
-"""Pictures by casting rays at the floor and at the robots' parts, compiled by numba.
+"""Ray casting of the floor and the robots' parts into pictures, compiled by numba.
 
-A picture has the same bytes on every CPU: it takes one thread, no fast-math, and only operations
-that IEEE 754 rounds exactly, which excludes ``exp``.
+A picture has the same bytes on every CPU. The caster uses one thread, no fast-math, and only
+operations that IEEE 754 rounds exactly; this excludes ``exp``.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from aquafish_gym.rendering.camera import NEAREST_DEPTH, CameraView, Frame
 from aquafish_gym.rendering.scene import DrawnRobots
 from aquafish_gym.utils.array_types import Floats
 
-_LIGHT = (0.3492, -0.2993, 0.8880)  # the direction towards it
-_VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
+_LIGHT = (0.3492, -0.2993, 0.8880)  # direction towards the light
+_VISIBILITY = 2.5  # in camera distances; there the floor has faded to 1/e
 _SHADE = 0.3  # share of the floor's light that a shadow takes
 _FAR = 1e9
-# What a pixel shows in place of a part; no part or shadow is near.
+# Content of a pixel without a part. Unseen: no part or shadow is near.
 _WATER = -1
 _SHADOW = -2
 _UNSEEN = -3
@@ -35,7 +35,7 @@ def draw(
 ) -> tuple[Frame, Floats]:
     """Return a picture (height, width, 3) of robots in their water, over the ruled floor.
 
-    And how much of each pixel (height, width) the robots cover, 0 to 1.
+    Also return the share (height, width) of each pixel that the robots cover.
     """
     x, y, z, w = np.moveaxis(robots.poses[..., 3:], -1, 0)
     axes = [  # as the columns of a matrix
@@ -43,9 +43,10 @@ def draw(
         *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     ]
-    half, centres = robots.sizes / 2, robots.poses[..., :3]
+    half = robots.sizes / 2
+    centres = robots.poses[..., :3]
     table = [half, centres, np.stack(axes, axis=-1), robots.colours]
-    table.append(np.sum(half**2, axis=-1, keepdims=True))  # of the radius of a ball that holds it
+    table.append(np.sum(half**2, axis=-1, keepdims=True))  # squared radius of a bounding ball
     parts = np.concatenate(table, axis=-1).reshape(-1, 19)
     shown = np.full((height, width), _UNSEEN, np.int32)
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8)
@@ -60,7 +61,8 @@ def draw(
                 shown[top:bottom, left:right] = _WATER
             elif depth.max() > NEAREST_DEPTH:
                 shown[:] = _WATER
-    picture, cover = np.empty((height, width, 3), np.uint8), np.zeros((height, width))
+    picture = np.empty((height, width, 3), np.uint8)
+    cover = np.zeros((height, width))
     frame = tuple(tuple(axis.tolist()) for axis in view[:4])
     camera = (*frame, 2 * view.slope / height, float(floor), _VISIBILITY * view.distance)
     colours = (scene.WATER_ABOVE, scene.WATER_BELOW, scene.SAND, scene.GRID)
@@ -77,7 +79,7 @@ def _fog(x: float) -> float:
 
 @_jit
 def _line(at: float, spacing: float, width: float, blur: float) -> Any:
-    """Return how much of a pixel of size ``blur`` is covered by lines, 0 to 1."""
+    """Return the share of a pixel of size ``blur`` that lines cover."""
     turns = at / spacing
     off = spacing * abs(turns - np.floor(turns + 0.5))
     covered = min(max((width / 2 + blur / 2 - off) / blur, 0.0), 1.0)
@@ -99,20 +101,26 @@ def _paint_water(picture: Any, camera: Any, colours: Any) -> None:
         if clear > 0.004:
             x0 = eye[0] + along * (forward[0] + rise * up[0])
             y0 = eye[1] + along * (forward[1] + rise * up[1])
-            dx, dy = along * pixel * right[0], along * pixel * right[1]
-            # The extent of a pixel on the floor is that to the next column and to the next row.
+            dx = along * pixel * right[0]
+            dy = along * pixel * right[1]
+            # A pixel on the floor extends to the next column and to the next row.
             deep = abs(up[2] * pixel / fall)
-            rx, ry = abs(dx) + along * pixel * abs(up[0]), abs(dy) + along * pixel * abs(up[1])
+            rx = abs(dx) + along * pixel * abs(up[0])
+            ry = abs(dy) + along * pixel * abs(up[1])
             for i in range(width):
-                x, y = x0 + (i + 0.5 - width / 2) * dx, y0 + (i + 0.5 - width / 2) * dy
-                bx, by = rx + deep * abs(x - eye[0]) + 1e-9, ry + deep * abs(y - eye[1]) + 1e-9
-                narrow, wide = scene.GRID_SPACING, scene.MAIN_GRID_SPACING
+                x = x0 + (i + 0.5 - width / 2) * dx
+                y = y0 + (i + 0.5 - width / 2) * dy
+                bx = rx + deep * abs(x - eye[0]) + 1e-9
+                by = ry + deep * abs(y - eye[1]) + 1e-9
+                narrow = scene.GRID_SPACING
+                wide = scene.MAIN_GRID_SPACING
                 thin = max(_line(x, narrow, 0.05, bx), _line(y, narrow, 0.05, by))
                 thick = max(_line(x, wide, 0.1, bx), _line(y, wide, 0.1, by))
                 line[i] = max(0.45 * thin, 0.8 * thick)
         for c in range(3):
             water = colours[0, c] + (j + 0.5) / height * (colours[1, c] - colours[0, c])
-            sand, mark = colours[2, c], colours[3, c] - colours[2, c]
+            sand = colours[2, c]
+            mark = colours[3, c] - colours[2, c]
             for i in range(width):
                 ground = sand + line[i] * mark
                 picture[j, i, c] = np.uint8(water + clear * (ground - water) + 0.5)
@@ -120,7 +128,7 @@ def _paint_water(picture: Any, camera: Any, colours: Any) -> None:
 
 @_jit
 def _into(parts: Any, m: int, v: Any) -> tuple[float, float, float]:
-    """Return a vector of the world in a part's own axes."""
+    """Return a vector of the world in the axes of a part."""
     return (
         parts[m, 6] * v[0] + parts[m, 9] * v[1] + parts[m, 12] * v[2],
         parts[m, 7] * v[0] + parts[m, 10] * v[1] + parts[m, 13] * v[2],
@@ -136,7 +144,8 @@ def _dot(a: Any, b: Any) -> Any:
 @_jit
 def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
     """Return the distance along a ray to a capsule about y, and the normal there."""
-    radius, end = half[0], half[1] - half[0]
+    radius = half[0]
+    end = half[1] - half[0]
     a = max(d[0] * d[0] + d[2] * d[2], 1e-12)
     b = o[0] * d[0] + o[2] * d[2]
     square = b * b - a * (o[0] * o[0] + o[2] * o[2] - radius * radius)
@@ -144,7 +153,7 @@ def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
         return _FAR, (0.0, 0.0, 0.0)
     t = -(b + math.sqrt(square)) / a
     cap = min(max(o[1] + t * d[1], -end), end)
-    if cap != o[1] + t * d[1]:  # past the cylinder's end: the ball there
+    if cap != o[1] + t * d[1]:  # past the end of the cylinder: the ball at its end
         ball = (o[0], o[1] - cap, o[2])
         b = _dot(ball, d)
         square = b * b - _dot(ball, ball) + radius * radius
@@ -157,7 +166,7 @@ def _hit_capsule(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 
 @_jit
 def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
-    """Return the same of a box."""
+    """Return the distance along a ray to a box, and the normal there."""
     near = -_FAR
     far = _FAR
     axis = 0
@@ -165,7 +174,8 @@ def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
         slope = 1 / (d[k] if abs(d[k]) > 1e-9 else 1e-9)
         far = min(far, abs(slope) * half[k] - o[k] * slope)
         if -abs(slope) * half[k] - o[k] * slope > near:
-            near, axis = -abs(slope) * half[k] - o[k] * slope, k
+            near = -abs(slope) * half[k] - o[k] * slope
+            axis = k
     if near > far or near <= 0:
         return _FAR, (0.0, 0.0, 0.0)
     side = -1.0 if d[axis] > 0 else 1.0
@@ -174,7 +184,7 @@ def _hit_box(half: Any, o: Any, d: Any) -> tuple[float, Any]:
 
 @_jit
 def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
-    """Return distance, number of the part and normal, in its own axes, of what a ray hits first."""
+    """Return distance, part and normal (in the part's axes) of the first hit of a ray."""
     best = _FAR
     found = _WATER
     normal = (0.0, 0.0, 0.0)
@@ -183,7 +193,8 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
         b = _dot(q, d)
         if m == skip or parts[m, 0] == 0 or _dot(q, q) - b * b > parts[m, 18]:
             continue
-        o, along = _into(parts, m, q), _into(parts, m, d)
+        o = _into(parts, m, q)
+        along = _into(parts, m, d)
         half = (parts[m, 0], parts[m, 1], parts[m, 2])
         t, n = _hit_capsule(half, o, along) if m % 9 == 0 else _hit_box(half, o, along)
         if t < best:
@@ -195,10 +206,10 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
 
 @_jit
 def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tuple[int, Any]:
-    """Return which surface is seen in a direction, and its colour.
+    """Return the visible surface in a direction, and its colour.
 
     ``side`` and ``rise`` are the tangents to the right of the camera's axis and above it. Without
-    robots the colour is that ``behind`` them.
+    robots the colour is ``behind``.
     """
     eye, right, up, forward, _, floor, fog = camera
     dx = forward[0] + side * right[0] + rise * up[0]
@@ -217,7 +228,8 @@ def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tup
     facing = _dot(normal, light)
     place = (eye[0] + t * d[0], eye[1] + t * d[1], eye[2] + t * d[2])
     lit = facing > 0 and _trace(parts, m, place, _LIGHT)[1] < 0
-    bright, gloss = 0.5 + 0.18 * _dot(normal, _into(parts, m, (0.0, 0.0, 1.0))), 0.0
+    bright = 0.5 + 0.18 * _dot(normal, _into(parts, m, (0.0, 0.0, 1.0)))
+    gloss = 0.0
     if lit:
         bright += 0.55 * facing
         mirrored = _dot(d, _LIGHT) - 2 * facing * _dot(normal, _into(parts, m, d))
@@ -233,7 +245,7 @@ def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tup
 
 @_jit
 def _mix(a: Any, b: Any, share: float) -> tuple[float, float, float]:
-    """Return a colour between two."""
+    """Return a mixture of two colours."""
     return (
         a[0] + share * (b[0] - a[0]),
         a[1] + share * (b[1] - a[1]),
@@ -251,7 +263,8 @@ def _paint_robots(
     for j in range(height):
         for i in range(width):
             if shown[j, i] != _UNSEEN:
-                side, rise = (i + 0.5 - width / 2) * pixel, (height / 2 - j - 0.5) * pixel
+                side = (i + 0.5 - width / 2) * pixel
+                rise = (height / 2 - j - 0.5) * pixel
                 behind = (float(water[j, i, 0]), float(water[j, i, 1]), float(water[j, i, 2]))
                 shown[j, i], colour = _look(camera, parts, side, rise, behind)
                 cover[j, i] = shown[j, i] >= 0
@@ -266,7 +279,8 @@ def _paint_robots(
                 and here == shown[j, max(i - 1, 0)] == shown[j, min(i + 1, width - 1)]
             ):
                 continue
-            total[:], cover[j, i] = 0.5, 0.0
+            total[:] = 0.5
+            cover[j, i] = 0.0
             behind = (float(water[j, i, 0]), float(water[j, i, 1]), float(water[j, i, 2]))
             for k in range(4):  # at the corners of a turned square
                 side = (i + (1, 5, 3, 7)[k] / 8 - width / 2) * pixel

@@ -1,4 +1,4 @@
-"""Swims side by side from one start line, as films and replays show them."""
+"""Swims side by side from one start line, for films and replays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 
 
 
 class FilmedSwim(NamedTuple):
-    """A swim to be shown: a few words, and T samples. It is shown until it diverges.
+    """A swim for a film: a label and T samples. It is shown until it diverges.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class FilmedSwim(NamedTuple):
     fin_angles: Floats  #: (T, 3)
 
 
-#: Numbers of a sample, by the column.
+#: Shape of a sample in each column.
 _WIDTHS: dict[str, tuple[int, ...]] = {
     "time": (),
     "bodies": (9,),
@@ -61,10 +61,10 @@ class Course(NamedTuple):
     """Swims in lanes along y, the first the farthest to the left."""
 
     lanes: list[FilmedSwim]
-    colours: list[Colour]  #: Of the trails.
+    colours: list[Colour]  #: Colours of the trails.
     floor: float  #: Height of the floor.
-    ends: tuple[float, float]  #: Where the start line begins and ends, x.
-    marks: list[tuple[float, str]]  #: Distances along y, and their texts.
+    ends: tuple[float, float]  #: Ends of the start line, x.
+    marks: list[tuple[float, str]]  #: Distances along y, with labels.
 
 
 def lay_out(swims: Sequence[FilmedSwim]) -> Course:
@@ -73,7 +73,8 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         raise InvalidArgumentError("swims must be at least one; got none")
     for i, swim in enumerate(swims):
         _check(f"swims[{i}]", swim)
-    lanes, x = [], 0.0
+    lanes = []
+    x = 0.0
     for swim in swims:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
         columns: tuple[Any, ...] = swim[1:]
@@ -95,12 +96,13 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
 
 
 def _check(argument: str, swim: FilmedSwim) -> None:
-    """Refuse what is no swim, or has columns of other shapes; numbers may be NaN."""
+    """Raise unless ``swim`` is a swim with columns of the right shapes; numbers may be NaN."""
     instance(argument, swim, FilmedSwim)
     utf8_text(f"the label of {argument}", swim.label)
     samples = len(np.atleast_1d(swim.time))
     for name, width in _WIDTHS.items():
-        column, shape = np.asarray(getattr(swim, name)), (samples, *width)
+        column = np.asarray(getattr(swim, name))
+        shape = (samples, *width)
         if not fits(column.shape, shape) or column.dtype.kind not in "fiub":
             raise InvalidArgumentError(
                 f"{argument}.{name} must be numbers of shape {spelled(shape)}; "

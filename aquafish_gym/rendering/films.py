@@ -1,6 +1,6 @@
 """Films: swims side by side from one start line, in one fixed frame.
 
-Each fish draws a trail. Fins that are broken are marked, see ``place_robots``.
+Each fish draws a trail. Broken fins are marked; see ``place_robots``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 SUFFIXES = (".mp4", ".webp", ".gif")
-_HOLD = 1.5  # s, of the last frame
+_HOLD = 1.5  # s, duration of the last frame
 
 
 def film(
@@ -51,10 +51,10 @@ def film(
 ) -> Path:
     """Write a film of swims side by side as .mp4, .webp or .gif; return its path.
 
-    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. Films as .webp
-    and .gif repeat forever. GIF counts hundredths of a second, so only frame rates of 100 / n are
-    exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised. ``progress``
-    is called with the number of frames drawn and of all.
+    ``speed`` is relative to the swim; the ``title`` is at the top. Films as .webp and .gif repeat
+    forever. GIF counts hundredths of a second, so only frame rates of 100 / n are exact. An .mp4
+    raises MissingExtraError without the extra ``film``. ``progress`` is called with the number of
+    drawn frames and of all frames.
     """
     suffix = film_suffix(path)
     callback("progress", progress)
@@ -82,7 +82,7 @@ def film_frames(
     title: str,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Frame]:
-    """Yield the frames of :func:`film`; the last, at the end of the longest swim, is held."""
+    """Yield the frames of :func:`film`; the last frame, the end of the longest swim, is held."""
     from aquafish_gym.rendering import caster
 
     course = lay_out(swims)
@@ -96,9 +96,10 @@ def film_frames(
     moments = [*np.arange(0.0, end - 1e-9, speed / fps), *[end] * (1 + round(_HOLD * fps))]
     pace = "" if speed == 1 else f"  (x {speed:g})"
     size = max(10, height // 24)
-    from PIL import Image, ImageDraw, ImageFont  # environments never need it
+    from PIL import Image, ImageDraw, ImageFont  # environments do not need it
 
-    font, edge = ImageFont.load_default(size), size // 2
+    font = ImageFont.load_default(size)
+    edge = size // 2
     for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
         now = (
@@ -126,15 +127,17 @@ def film_frames(
 
 
 def fitting_view(points: Floats, aspect: float) -> CameraView:
-    """Return a view from the right and above in which fish at all points (n, 3) are seen."""
+    """Return a view from the right and above that shows fish at all points (n, 3)."""
     camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
     around = np.array(list(itertools.product((-FISH_ROOM, FISH_ROOM), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
-    centre, far = [], []
+    centre = []
+    far = []
     for across, slope in ((x, view.slope * aspect), (y, view.slope)):
         # Points are in the frame where |across - centre| <= slope (z + distance).
-        high, low = (across / slope - z).max(), (-across / slope - z).max()
+        high = (across / slope - z).max()
+        low = (-across / slope - z).max()
         centre.append(slope * (high - low) / 2)
         far.append((high + low) / 2)
     eye = centre[0] * view.right + centre[1] * view.up - max(far) * view.forward
@@ -142,7 +145,7 @@ def fitting_view(points: Floats, aspect: float) -> CameraView:
 
 
 def _line(view: CameraView, points: Floats, cover: Floats) -> Image.Image:
-    """Return the mask of a line through points (n, 3), which robots cover."""
+    """Return the mask of a line through points (n, 3), without the parts that robots cover."""
     from PIL import Image, ImageDraw
 
     height, width = cover.shape
@@ -156,9 +159,10 @@ def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     """Return a film as .gif or .webp."""
     from PIL import Image
 
-    pause, content = 1000 / fps, BytesIO()
+    pause = 1000 / fps
+    content = BytesIO()
     if suffix == ".gif":
-        pause = 10 * max(2, round(100 / fps))  # viewers slow down anything shorter than 20 ms
+        pause = 10 * max(2, round(100 / fps))  # viewers slow down frames shorter than 20 ms
     pictures = map(Image.fromarray, frames)
     next(pictures).save(
         content, suffix[1:], save_all=True, append_images=pictures,
@@ -168,7 +172,7 @@ def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
 
 
 def _encode(frames: Iterator[Frame], fps: float) -> bytes:
-    """Return a film as .mp4, by the program ffmpeg of imageio-ffmpeg."""
+    """Return a film as .mp4, encoded by ffmpeg of imageio-ffmpeg."""
     try:
         import imageio_ffmpeg
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Figures apart from pyplot, and their files: the same picture gives the same bytes."""
+"""Figures without pyplot, and their files: the same picture gives the same bytes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import one_of
 
-# Without versions and dates, equal pictures are equal files.
+# Files without versions and dates are equal for equal pictures.
 _UNSAID: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
@@ -23,14 +23,14 @@ FORMATS = tuple(_UNSAID)
 
 
 def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
-    """Return an empty figure of a size in inches, apart from pyplot and its global state."""
+    """Return an empty figure of a size in inches, without pyplot and its global state."""
     figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
     FigureCanvasAgg(figure)
     return figure
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture, whole or not at all, in the one of ``FORMATS`` that its suffix names."""
+    """Write a picture, whole or not at all, in the format of its suffix, one of ``FORMATS``."""
     form = one_of("the picture's suffix", Path(path).suffix.lower(), [f".{f}" for f in FORMATS])[1:]
     write_bytes(path, encode_figure(figure, form))
 
@@ -38,7 +38,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
 def encode_figure(figure: Figure, form: str) -> bytes:
     """Return a picture as bytes in one of ``FORMATS``."""
     content = io.BytesIO()
-    # Otherwise names within an SVG are salted at random; journals ask for TrueType.
+    # A fixed salt makes names within an SVG reproducible; journals ask for TrueType.
     with mpl.rc_context({"svg.hashsalt": "aquafish", "pdf.fonttype": 42}):
         figure.savefig(content, format=form, metadata=_UNSAID[form])
     return content.getvalue()

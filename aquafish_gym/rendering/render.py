@@ -1,7 +1,7 @@
-"""Pictures of the robot over a ruled sea floor, on the machine's processor and without a display.
+"""Pictures of the robot over a ruled sea floor, drawn by the CPU without a display.
 
 A pose is a position (3,) in units of 5 cm and a quaternion (4,) (x, y, z, w) from body to
-world. Fin angles are as everywhere: left and right pectoral angle and caudal *phase*, rad.
+world. Fin angles are left and right pectoral angle and caudal *phase*, rad.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def render_pose(
 ) -> Frame:
     """Return a picture of the robot, (height, width, 3) uint8; fins of no area are not drawn.
 
-    Without a camera it is seen from behind, above and its right. Fins named in ``broken`` are
-    marked, see :func:`place_robots`.
+    Without a camera the view is from behind, above and the right. Fins named in ``broken`` are
+    marked; see :func:`place_robots`.
     """
     from aquafish_gym.rendering import caster
 
@@ -47,5 +47,6 @@ def render_pose(
         *([morphology.to_array()], [[fin in broken for fin in FINS]]),
         *([position], [quaternion / length], [angles]),
     )
-    view, floor = (camera or Camera()).look(position), floor_below(position[None])
+    view = (camera or Camera()).look(position)
+    floor = floor_below(position[None])
     return caster.draw(view, floor, robots, width, height)[0]

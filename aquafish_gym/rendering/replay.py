@@ -1,4 +1,4 @@
-"""A replay of swims as one HTML file that opens by itself, without a server or a network.
+"""A replay of swims as one HTML file that needs neither a server nor a network.
 
 The page holds the scene's parts over time as float32, and a bundle of three.js that draws them.
 """
@@ -30,7 +30,7 @@ def write_replay(
 ) -> Path:
     """Write a replay of swims side by side as one HTML file and return its path.
 
-    Distances in the page are along +y over ground. A swim that diverged ends where it does.
+    Distances in the page are along +y over ground. A swim that diverges ends there.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def write_replay(
 
 
 def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
-    """Return the part of a page that replays swims; :func:`whole_page` has its style."""
+    """Return the part of a page that replays swims; :func:`whole_page` adds the style."""
     course = lay_out(swims)
     lanes = course.lanes
     if any(len(lane.time) < 2 for lane in lanes):
@@ -99,7 +99,7 @@ def whole_page(title: str, body: str, style: str = "") -> str:
     """Return an HTML page with the style of replays, then ``style``.
 
     Its Content-Security-Policy allows this style, the replay's scripts and pictures within the
-    page. Nothing else runs or loads, whatever the body contains.
+    page. Nothing else runs or loads.
     """
     style = _web_file("replay.css") + style
     scripts = " ".join(map(_digest, (_web_file("replay.js"), _web_file("three.min.js"))))
@@ -113,23 +113,24 @@ def whole_page(title: str, body: str, style: str = "") -> str:
 
 
 def _digest(content: str) -> str:
-    """Return the source expression by which a policy allows an inline script or style."""
+    """Return the source expression that allows an inline script or style in a policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
 
 
 def css(colour: Colour) -> str:
-    """Return a colour as in ``#0072b2``."""
+    """Return a colour in the form ``#0072b2``."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
 def _columns(lane: FilmedSwim) -> bytes:
     """Return the body's pose (7) in the world, then pose, size and colour (13) of each part.
 
-    The parts' poses are in the body, and so are constant for most. Column by column, what is
-    constant takes no room.
+    Poses of parts are relative to the body, so most are constant. Stored by column, constant
+    numbers take no space.
     """
     count = len(lane.time)
-    origin, upright = np.zeros((count, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
+    origin = np.zeros((count, 3))
+    upright = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
     robots = scene.place_robots(lane.bodies, lane.broken, origin, upright, lane.fin_angles)
     parts = np.concatenate([robots.poses, robots.sizes, robots.colours / 255], axis=-1)
     table = np.concatenate([lane.position, lane.quaternion, parts.reshape(count, -1)], axis=1)

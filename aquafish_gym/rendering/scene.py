@@ -1,4 +1,4 @@
-"""The scene that frames, films, the replay and the viewer draw: parts, poses, colours, floor.
+"""The scene of frames, films, replays and the viewer: parts, poses, colours, floor.
 
 Lengths are in units of 5 cm. Quaternions are (x, y, z, w). A colour is red, green and blue in
 0 to 255.
@@ -23,23 +23,23 @@ BODY: Colour = (158, 163, 171)
 MOUNT: Colour = (97, 102, 110)
 FIN: Colour = (219, 31, 26)
 BROKEN_FIN: Colour = (250, 204, 21)
-BREAK: Colour = (20, 20, 24)  # the edge where a fin is broken off
+BREAK: Colour = (20, 20, 24)  # edge of a break
 WATER_ABOVE: Colour = (226, 243, 249)
 WATER_BELOW: Colour = (165, 214, 233)
 SAND: Colour = (146, 199, 217)
 GRID: Colour = (96, 158, 186)
-INK: Colour = (28, 60, 84)  # the start line, and text
+INK: Colour = (28, 60, 84)  # start line and text
 
 FLOOR_HEIGHT = -3.0  # height of the floor, z
-CLEARANCE = 2.0  # the floor is at least this far below a robot that dives
+CLEARANCE = 2.0  # least distance of the floor below a diving robot
 GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
-#: The first is a capsule along its y axis, the others are boxes.
+#: The first part is a capsule along its y axis, the others are boxes.
 DRAWN_PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
 FIN_PARTS = slice(3, 6)
 
-_SIZES = np.array(  # of the parts that do not break
+_SIZES = np.array(  # sizes of the parts that do not break
     [
         (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS),
         *[(robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)] * 2,
@@ -54,19 +54,18 @@ _HINGES = np.array(
 )
 _AXES = np.array([(1, 0, 0), (1, 0, 0), (0, 0, 1)])
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
-_RIM = 0.12  # a break stands out of its fin by this much, and is this long
+_RIM = 0.12  # length of a break, and distance by which it exceeds its fin
 _LOST = 0.3  # size of the break where a whole fin is missing
 
 
 class DrawnRobots(NamedTuple):
-    """The ``DRAWN_PARTS`` of N robots, or of one at N moments.
+    """The ``DRAWN_PARTS`` of N robots, or of one robot at N moments.
 
-    A fin that has no area, and the break of a whole fin, have size 0.
+    A fin without area and the break of an intact fin have size 0.
     """
 
-    sizes: (
-        Floats  #: (N, 9, 3) extents along each part's own axes; a capsule's radius is half its x.
-    )
+    #: (N, 9, 3) extents along each part's own axes; a capsule's radius is half of x.
+    sizes: Floats
     colours: Floats  #: (N, 9, 3)
     poses: Floats  #: (N, 9, 7) position and quaternion in the world.
 
@@ -78,23 +77,24 @@ def place_robots(
     quaternions: ArrayLike,
     fin_angles: ArrayLike,
 ) -> DrawnRobots:
-    """Return robots as they are drawn.
+    """Return the drawn parts of robots.
 
-    Broken fins have another colour and a dark break at their end. Of a broken fin without area only
-    the break is drawn, at the hinge.
+    Broken fins have another colour and a dark break at their end. A broken fin without area has
+    only the break, at the hinge.
 
     Parameters
     ----------
     bodies
-        (N, 9) sizes, as of ``Morphology.to_array``.
+        (N, 9) sizes, in the order of ``Morphology.to_array``.
     broken
-        (N, 3) bool: which fins are broken.
+        (N, 3) bool, whether each fin is broken.
     positions, quaternions
         (N, 3) and (N, 4), of the bodies.
     fin_angles
         (N, 3): left and right pectoral angle and caudal phase, rad.
     """
-    fins, marked = np.array(bodies, float).reshape(-1, 3, 3), np.array(broken)[..., None]
+    fins = np.array(bodies, float).reshape(-1, 3, 3)
+    marked = np.array(broken)[..., None]
     shown = np.count_nonzero(fins > 0, axis=-1, keepdims=True) >= 2
     drawn = np.maximum(fins, _THINNEST)
     ends = np.where(shown, drawn * (1, 0, 1) + _RIM, _LOST)

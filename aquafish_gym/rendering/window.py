@@ -23,7 +23,7 @@ def usable_modes() -> list[str]:
 
 
 def check_render_mode(mode: object) -> str | None:
-    """Return a render mode that works here; an error says why no window can be opened."""
+    """Return a render mode that works here; an error states why no window can be opened."""
     if mode is None:
         return None
     name = one_of("render_mode", mode, RENDER_MODES)
@@ -34,7 +34,7 @@ def check_render_mode(mode: object) -> str | None:
 
 
 class Window:
-    """A window that shows the robot; it needs a display and tkinter, of the standard library.
+    """A window that shows the robot; it needs a display and tkinter.
 
     ``fps`` limits the frames per second; None shows each at once.
 
@@ -58,7 +58,7 @@ class Window:
     def show(
         self, morphology: Morphology, pose: tuple[ArrayLike, ArrayLike], fin_angles: ArrayLike
     ) -> None:
-        """Draw the robot; see :func:`render_pose`. A window that the user has closed stays so."""
+        """Draw the robot; see :func:`render_pose`. A window that the user closed stays closed."""
         if self._root is None:
             return
         import tkinter
@@ -73,20 +73,20 @@ class Window:
         self._root.update()
 
     def close(self) -> None:
-        """Close the window; closing twice does no harm."""
+        """Close the window; a closed window stays closed."""
         if self._root is not None:
             self._root.destroy()
             self._root = None
 
 
 def why_no_window() -> str | None:
-    """Return why no window can be opened here, or None if one can."""
+    """Return the reason why no window can be opened here, or None."""
     return _why_no_window(os.environ.get("DISPLAY", ""))
 
 
-@functools.cache  # opening a window takes 50 ms, and an environment asks whenever it is made
+@functools.cache  # cached: a test window takes 50 ms, and every new environment asks
 def _why_no_window(display: str) -> str | None:
-    # Elsewhere there is a display, and windows may only be opened by the main thread.
+    # Other systems have a display, but only the main thread may open windows.
     screens = not sys.platform.startswith("linux")
     why = "DISPLAY is not set"
     if display or screens:

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.rollout.many import swim_many
-from aquafish_gym.rollout.one import act_alone, swim_one
+from aquafish_gym.rollout.one import swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -57,7 +58,7 @@ def rollout(
     policy
         A :class:`Program` for all robots, or a function for each.
     scenario
-        Robots, water and faults. Servo lags need a policy that is no program.
+        Robots, water and faults.
     task
         What is rewarded; it may have a goal, a current, and a memory. Only the built-in tasks are
         compiled: in a task of another class a program swims one robot at a time, much slower. So
@@ -80,8 +81,9 @@ def rollout(
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
     start
-        States (25, B) to begin in, as ``LaneBatch.rows``, of programs in the compiled engine; None
-        begins at rest, or as the scenario says.
+        States (25, B) to begin in, as ``LaneBatch.states``, of programs in the compiled engine;
+        None begins at rest, or as the scenario says. Earlier commands are 0: servos with a lag
+        stand until it is over.
 
     Raises
     ------
@@ -136,7 +138,8 @@ def rollout(
         memory = finite_array("memory", memory, (batch, None), flat=True)
     needed = ever(scenario, "gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
-        needed, memory = True, [task.begin(rng) for rng in rngs]
+        needed = True
+        memory = [task.begin(rng) for rng in rngs]
     if needed and len(rngs) != batch:
         raise InvalidArgumentError(
             f"rngs must be one for each of the {batch} robots, for noise or the task's memory; "

@@ -9,11 +9,9 @@ import numpy as np
 
 from aquafish_gym.envs.tasks import MEMORY_NUMBERS, Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.rollout.plan import Plan, Program, Trajectories, ever
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
-from aquafish_gym.utils.validation import InvalidArgumentError
 
 
 def swim_many(
@@ -31,13 +29,9 @@ def swim_many(
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     scenario = plan.scenario
-    if np.any(scenario.servo_lag):
-        raise InvalidArgumentError(
-            f"servo_lag must be 0 where many swim at once; got {scenario.servo_lag.max():g} s"
-        )
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
     if start is not None:
-        lanes.place(start)
+        lanes.states[:] = start
     loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     compiled = compiled_task(plan.task)
@@ -53,16 +47,14 @@ def swim_many(
     weights = pack_rows(program.weights, dtype, lanes.width)
     for begin, end, change in scenario.segments(plan.steps):
         if change is not None:
-            lanes.update(change.rows, change.to, keep_current=flows)
+            lanes.update(change.to, change.rows, keep_current=flows)
             if loop.broken:
                 _set_sensors(loop, change.rows, change.to)
-        lanes.run(
-            program.function, weights, program.layout, end - begin, program.interval, loop=loop
-        )
+        lanes.run(program.function, weights, program.layout, end - begin, program.interval, loop)
         if loop.broken and any(t % plan.interval == 0 for t in range(begin, end)):
             loop["fresh"] = 0.0  # they are observed
-    diverged = lanes.diverged() | (loop["alive"][0] == 0.0)
-    reached = np.where(diverged[:, None], np.nan, lanes.rows()[FIELDS["position"]].T)
+    diverged = lanes.diverged | (loop["alive"][0] == 0.0)
+    reached = np.where(diverged[:, None], np.nan, np.transpose(lanes.state().position))
     return Trajectories(loop["total"][0], diverged, reached)
 
 

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 
-from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
+from aquafish_gym.command import scale_action
 from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step, Task
-from aquafish_gym.physics.arithmetic import TAU, Number, Vector
+from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.rollout.plan import Act, Path, Plan, Program
+from aquafish_gym.rollout.plan import Act, Path, Plan
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.sense import beyond_imu, imu, limits
 from aquafish_gym.utils.array_types import Floats
@@ -83,23 +83,3 @@ def _sample(state: State) -> tuple[float, ...]:
     pairs = (state.left, state.right, state.phase)
     angles = [math.atan2(sine, cosine) for cosine, sine in pairs]
     return (*state.position, *state.orientation, *angles)
-
-
-def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:
-    """Return one robot's program on plain floats."""
-    weights, layout = program.weights[:, robot].tolist(), program.layout.tolist()
-    scratch, held = [0.0] * program.scratch, program.interval * TIMESTEP
-    left, right, phase = (fins / TAU).tolist()
-    angles: Vector = (left, right, phase)
-
-    def act(observation: Floats, time: float) -> Vector:
-        nonlocal angles
-        o = [*observation.tolist(), 0.0, 0.0, 0.0]
-        action = program.function(
-            weights, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9], angles, o[9:12]
-        )
-        left, right, caudal = lane_servo_speeds(action)
-        angles = reckon(angles, (gains[0] * left, gains[1] * right, gains[2] * caudal), held)
-        return action
-
-    return act

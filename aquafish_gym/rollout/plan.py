@@ -16,6 +16,8 @@ from aquafish_gym.utils.array_types import Floats
 #: From an observation, (9,) or (12,) with a goal, and the time in s, to an action (3,) in [-1, 1].
 Act = Callable[[Floats, float], ArrayLike]
 
+PROGRAM_CHANNELS = 12  # that a program observes: up, north, gyroscope, and the way to a goal
+
 
 @dataclass(frozen=True, eq=False)
 class Program:

@@ -1,4 +1,4 @@
-"""What commands need: options and help, folders with manifests, jobs, workers and progress.
+"""Infrastructure of commands: options, help, folders with manifests, jobs, workers, progress.
 
 Environments import none of it.
 """

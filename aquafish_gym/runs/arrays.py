@@ -22,7 +22,7 @@ from aquafish_gym.utils.validation import (
     spelled,
 )
 
-MOST_BYTES = 256 * 2**20  # of an archive's arrays together
+MOST_BYTES = 256 * 2**20  # of all arrays of an archive together
 _NUMBERS = "fiub"  # kinds of dtype: floats, integers and booleans
 
 
@@ -43,10 +43,10 @@ def read_arrays(
     most_bytes: int = MOST_BYTES,
     optional: Collection[str] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an npz archive, which must be those of ``shapes`` and no others.
+    """Return the arrays of an npz archive, which must have exactly the arrays of ``shapes``.
 
-    Those named in ``optional`` may be missing. The file has at most ``most_bytes``, and so have the
-    arrays. Raises as ``storage.read_document``.
+    Arrays named in ``optional`` may be missing. Neither the file nor the arrays may exceed
+    ``most_bytes``. Raises as ``storage.read_document``.
     """
     name = f"{argument}: {file_path(argument, path)}"
     try:
@@ -60,14 +60,14 @@ def read_arrays(
                     f"{name} must hold the arrays {', '.join(sorted(shapes))} and no others; "
                     f"it holds {brief(', '.join(found))}"
                 )
-            for member in members:  # before any array takes memory
+            for member in members:  # checked before any array takes memory
                 one = member.filename.removesuffix(".npy")
                 _check_header(archive, member, shapes[one], name)
-            # Reading checks the CRC-32 of each.
+            # Reading checks the CRC-32 of each array.
             return {one: _read_array(archive, f"{one}.npy") for one in found}
     except InvalidArgumentError:
         raise
-    except Exception:  # zipfile and numpy's reader of headers raise a dozen kinds
+    except Exception:  # zipfile and numpy's reader of headers raise a dozen kinds of errors
         raise DamagedFileError(f"{name} is not a whole archive of arrays") from None
 
 

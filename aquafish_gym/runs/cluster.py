@@ -1,4 +1,4 @@
-"""Workers of a dask cluster, which must have the sources and versions of this process."""
+"""Workers of a dask cluster with the same sources and versions as this process."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from aquafish_gym.utils.validation import (
     install_advice,
 )
 
-ANSWER_SECONDS = 20.0  # for a scheduler to answer, and for workers to appear or to come back
+ANSWER_SECONDS = 20.0  # limit for a scheduler to answer, and for workers to appear or to return
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 
 
 class OtherSourcesError(RuntimeError):
-    """A worker has other sources or versions than the process that sends it jobs."""
+    """A worker has other sources or versions than the sender of its jobs."""
 
 
 @functools.cache
 def computing() -> dict[str, str]:
-    """Return what decides results on this machine: the versions, and a digest of the sources."""
+    """Return the versions and a digest of the sources, which determine results."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for name, content in _sources(files(package), package):
@@ -44,7 +44,7 @@ def computing() -> dict[str, str]:
 
 
 def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of a package's files that compute, in order."""
+    """Yield names and contents of a package's source files, in order."""
     for entry in sorted(folder.iterdir(), key=lambda each: each.name):
         path = f"{name}/{entry.name}"
         if entry.is_dir() and entry.name != "__pycache__":
@@ -54,7 +54,7 @@ def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, bytes]]:
 
 
 def difference(there: dict[str, str], here: dict[str, str]) -> str:
-    """Return in words the first difference of two ``computing``, "" if they are equal."""
+    """Return the first difference of two results of ``computing`` in words, or ""."""
     for name in [*here, *there]:
         if there.get(name) != here.get(name):
             return f"{name} {there.get(name)} there, {here.get(name)} here"
@@ -62,7 +62,7 @@ def difference(there: dict[str, str], here: dict[str, str]) -> str:
 
 
 def run_alike(here: dict[str, str], function: Callable[..., Any], *args: Any) -> Any:
-    """Run a function, or raise OtherSourcesError on a worker that is not as the sender is."""
+    """Run a function, or raise OtherSourcesError on a worker that differs from the sender."""
     if found := difference(computing(), here):
         raise OtherSourcesError(f"the worker is another: {found}")
     return function(*args)
@@ -72,7 +72,8 @@ class _Cluster:
     """The workers of a connected client; see ``workers.Workers``."""
 
     def __init__(self, client: Any, executor: Executor) -> None:
-        self._client, self._executor = client, executor
+        self._client = client
+        self._executor = executor
         self._beats: dict[str, float] = {}
         self._answered = time.monotonic()
 
@@ -102,8 +103,8 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
-        If it does not answer within ``ANSWER_SECONDS``, has no workers or others than this
-        process, or dask is not installed.
+        If the scheduler does not answer within ``ANSWER_SECONDS``, has no workers or workers with
+        other sources, or dask is not installed.
     """
     try:
         from distributed import Client, rpc
@@ -115,7 +116,7 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
         ) from None
 
     async def ask() -> None:
-        """Wait for a scheduler with a worker: a client that finds none cannot be closed."""
+        """Wait for a scheduler with a worker, because a client without one cannot be closed."""
         secret = Security().get_connection_args("client")
         async with rpc(address, connection_args=secret, timeout=ANSWER_SECONDS) as scheduler:
             while not (await scheduler.identity())["workers"]:
@@ -128,7 +129,7 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
 
     try:
         client, found = _within(connect, ANSWER_SECONDS + 5.0)
-    except Exception as error:  # of dask, asyncio and the operating system
+    except Exception as error:  # errors of dask, asyncio and the operating system
         raise InvalidArgumentError(
             f"scheduler: no worker answers at {brief(address)} ({type(error).__name__})"
         ) from None
@@ -142,15 +143,15 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
                 )
         yield _Cluster(client, client.get_executor(pure=False))
     finally:
-        with suppress(Exception):  # a cluster that has gone cannot be left in order
+        with suppress(Exception):  # a lost cluster cannot be closed in order
             _within(client.close, 5.0)
 
 
 def _within(function: Callable[[], Any], seconds: float) -> Any:
-    """Return what a function returns, or raise TimeoutError if it takes too long.
+    """Return a function's result, or raise TimeoutError if it takes too long.
 
-    dask's own timeouts do not cover a server that accepts a connection and says nothing. What dask
-    logs meanwhile is not shown: the caller says it in one line.
+    dask's own timeouts do not cover a server that accepts a connection and stays silent. dask's
+    logs are hidden meanwhile: the caller reports the error in one line.
     """
     outcome: list[Any] = []
 

@@ -1,9 +1,9 @@
-"""What a command says of itself: ``--help`` for beginners, ``-H`` with every option.
+"""The help of commands: ``--help`` for beginners, ``-H`` with every option.
 
-A command may have two class attributes. ``example`` is a line of options, which ``--help`` shows.
-``main_options`` names the fields that ``--help`` explains; without it, ``--help`` explains all. A
-field that groups options under no name of its own, such as ``config``, is named with those of its
-options that matter.
+A command may have two class attributes. ``example`` is a line of options for ``--help``.
+``main_options`` names the fields that ``--help`` explains; without it, ``--help`` explains all. If
+a field groups options without a prefix, such as ``config``, the list names the field and its main
+options.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ LONGEST_LINE = 100  # characters
 
 
 def print_help(command: type[Any], prog: str, full: bool = False) -> None:
-    """Print the help of a command: of the options that matter, or of all."""
+    """Print the help of a command, for its main options or for all."""
     main: tuple[str, ...] | None = getattr(command, "main_options", None)
     paragraphs = (getdoc(command) or "").partition("\nAttributes\n---")[0].strip().split("\n\n")
-    if not full:  # the first sentence, and what it takes or leaves
+    if not full:  # the summary and the paragraph after it
         width = min(shutil.get_terminal_size().columns, LONGEST_LINE)
         paragraphs = [textwrap.fill(" ".join(" ".join(paragraphs[:2]).split()), width)]
     if example := getattr(command, "example", ""):
@@ -60,7 +60,7 @@ def commands_help(prog: str, commands: Mapping[str, tuple[Any, str]]) -> str:
 
 
 def asked_help(words: Iterable[str]) -> str | None:
-    """Return the first word that asks for help; None without one."""
+    """Return the first word that requests help, or None."""
     return next((word for word in words if word in (*SHORT_HELP, *FULL_HELP)), None)
 
 
@@ -72,7 +72,7 @@ def _print_options(command: type[Any], prog: str, fields: Container[str] | None)
 
 
 def _only(fields: Container[str]) -> ConstructorRegistry:
-    """Return rules by which tyro knows only some fields of dataclasses."""
+    """Return rules that show tyro only some fields of dataclasses."""
     registry = ConstructorRegistry()
     asked: list[object] = []
 
@@ -80,7 +80,7 @@ def _only(fields: Container[str]) -> ConstructorRegistry:
     def some(info: StructTypeInfo) -> StructConstructorSpec | None:
         if info in asked or not is_dataclass(info.type):
             return None
-        asked.append(info)  # so that tyro's own rule answers
+        asked.append(info)  # tyro's own rule applies
         spec = ConstructorRegistry.get_struct_spec(info)
         asked.pop()
         if not isinstance(spec, StructConstructorSpec):

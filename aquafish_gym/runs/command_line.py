@@ -1,7 +1,7 @@
-"""How a frozen dataclass becomes a command: options, errors in one line, exit codes.
+"""Commands from frozen dataclasses: options, errors in one line, exit codes.
 
 tyro reads the options. A command has a method ``execute``. A program is one command or a table of
-them, by name. Errors go to stderr in one line, with the nearest name for a mistyped one.
+commands by name. Errors go to stderr in one line, with the nearest name for a mistyped one.
 """
 
 from __future__ import annotations
@@ -138,24 +138,24 @@ class Command(Protocol):
 
 
 class Given:
-    """A base of commands that ask which options were given, also at their default value."""
+    """Base of commands that must know the given options, even at their default values."""
 
-    #: Name of each given option, without its dashes -> its first word, "" for none.
+    #: Name of each given option, without dashes -> its first word, or "".
     given: ClassVar[Mapping[str, str]] = {}
 
     def refuse_given(self, names: Iterable[str], reason: str) -> None:
-        """Raise InvalidArgumentError if one of the options was given, which has no effect then."""
+        """Raise InvalidArgumentError if an option was given that has no effect."""
         for name in names:
             if option_name(name) in self.given:
                 raise InvalidArgumentError(f"--{option_name(name)} has no effect {reason}")
 
 
 def option_name(field: str) -> str:
-    """Return an option's name, without its dashes, of a field such as "out_of_band.revisit"."""
+    """Return the option's name, without dashes, of a field such as "out_of_band.revisit"."""
     return field.replace("_", "-")
 
 
-#: Name -> a command's class, or its place ("module:Class"), loaded when it runs; and a summary.
+#: Name -> class and summary of a command; a class "module:Class" is loaded when it runs.
 Commands = Mapping[str, tuple[type[Command] | str, str]]
 
 
@@ -167,14 +167,14 @@ def run_command_line(
 ) -> int:
     """Run a command of a program, by default with the process's arguments; return the exit code.
 
-    It is 0; 1 if the machine fails, such as a full disk; 2 for a wrong command, option or
-    setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM. A reader of the output
-    that has left changes nothing. Other errors pass.
+    The code is 0; 1 if the machine fails, such as a full disk; 2 for a wrong command, option or
+    setting (errors in ``refused``); 130 after Ctrl-C or SIGTERM. A reader that leaves the output
+    does not change the code. Other errors are raised.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     started = Path(sys.argv[0])
     prog = f"python {started}" if started.suffix == ".py" else program
-    if started.name == "__main__.py" or "." in program:  # a module that python -m runs
+    if started.name == "__main__.py" or "." in program:  # the module of python -m
         prog = f"python -m {program}"
     keep_streams()
     try:
@@ -188,7 +188,7 @@ def run_command_line(
                 parse(command, prog, words, refused).execute()
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
-    except KeyboardInterrupt as stop:  # its text may say what is left to do
+    except KeyboardInterrupt as stop:  # the text may name the remaining work
         return _fail(program, str(stop) or "interrupted", INTERRUPTED)
     except refused as error:
         return _fail(program, str(error), REFUSED)
@@ -200,7 +200,7 @@ def run_command_line(
 
 @contextlib.contextmanager
 def _flushed() -> Iterator[None]:
-    """Write at the end what was printed, so that a full disk is an error in time."""
+    """Flush the output at the end, so that a full disk is an error of the command."""
     try:
         yield
     finally:
@@ -209,7 +209,7 @@ def _flushed() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled(numbers: Iterable[int], handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Have a function handle signals that are not ignored; in another than the main thread, not."""
+    """Let a function handle signals that are not ignored; only in the main thread."""
     before = {}
     if threading.current_thread() is threading.main_thread():
         wanted = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
@@ -223,7 +223,7 @@ def _handled(numbers: Iterable[int], handler: Callable[[int, Any], None]) -> Ite
 
 @contextlib.contextmanager
 def end_at_signals(program: str) -> Iterator[None]:
-    """Have Ctrl-C and SIGTERM end the process at once, while it imports and writes nothing.
+    """Let Ctrl-C and SIGTERM end the process at once, while it imports and writes nothing.
 
     An exception within the import of a compiled package may become another error, or none.
     """
@@ -238,7 +238,7 @@ def end_at_signals(program: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[None]:
-    """Have SIGTERM raise KeyboardInterrupt, as Ctrl-C does, and end whatever becomes of it."""
+    """Let Ctrl-C and SIGTERM raise KeyboardInterrupt, even if a library raises another error."""
     came: list[int] = []
 
     def interrupt(number: int, _frame: Any) -> None:
@@ -249,7 +249,7 @@ def _interrupts() -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            if came:  # as of a library that was interrupted while it loaded
+            if came:  # such as an error of a library that was interrupted while loading
                 raise KeyboardInterrupt from error
             raise
 
@@ -257,7 +257,7 @@ def _interrupts() -> Iterator[None]:
 def _chosen(
     prog: str, commands: type[Command] | Commands, words: list[str]
 ) -> tuple[type[Command], str, list[str]]:
-    """Return the command's class, its name with the program's, and the words of its options."""
+    """Return the command's class, its full name, and the words of its options."""
     if not isinstance(commands, Mapping):
         return commands, prog, words
     if not words or words[0] in (*SHORT_HELP, *FULL_HELP):
@@ -277,12 +277,12 @@ def parse(
 ) -> Command:
     """Return the command with the options of ``words``; --help and -H print and exit.
 
-    Raises InvalidArgumentError for a wrong option, and what the command's own checks raise.
+    Raises InvalidArgumentError for a wrong option, and the errors of the command's own checks.
     """
     if word := asked_help(words):
         print_help(command, prog, word in FULL_HELP)
         raise SystemExit(0)
-    if "--" in words:  # tyro overlooks it at the end, and knows no option after it
+    if "--" in words:  # tyro ignores it at the end, and reads no option after it
         raise InvalidArgumentError("unexpected argument '--'; leave it out")
     box = io.StringIO()
     try:
@@ -292,7 +292,7 @@ def parse(
         cause: BaseException | None = leaving
         while cause is not None and not isinstance(cause, refused):
             cause = cause.__context__
-        if cause is not None:  # tyro has put our own message into a box
+        if cause is not None:  # tyro puts our message into a box
             raise cause from None
         if leaving.code:
             raise InvalidArgumentError(_one_line(box.getvalue(), command)) from None
@@ -314,7 +314,7 @@ def _given(words: Sequence[str]) -> dict[str, str]:
 
 def _one_line(box: str, command: type[Command]) -> str:
     """Return the message in tyro's box as one line, with the nearest option or choice."""
-    rows = [row.strip("│╭╮╰╯ ") for row in box.splitlines()[1:]]  # without its title
+    rows = [row.strip("│╭╮╰╯ ") for row in box.splitlines()[1:]]  # without the title
     text = " ".join(filter(None, rows))
     message = next(filter(None, re.split(r" *[─-]{9,} *", text)), text)
     if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
@@ -346,7 +346,7 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
 
 
 def read_morphology(path: Path | None, argument: str) -> Morphology:
-    """Return the body in a file with one, or the nominal body for None; see ``read_bodies``."""
+    """Return the body in a file, or the nominal body for None; see ``read_bodies``."""
     if path is None:
         return Morphology.nominal()
     bodies = read_bodies(path, argument)

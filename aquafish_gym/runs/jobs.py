@@ -1,10 +1,10 @@
-"""Jobs: long work in parts, each of which ends with a file of its own.
+"""Jobs: parts of long work that each write one file.
 
 A *job* is a small frozen description with a name for people and a file, relative to the folder. Its
 *work* is a pure function of a module that takes the job and returns a dictionary ready for JSON. So
 a job can run in any process of any machine, and more than once, with the same bytes as its result.
 A result is written when it arrives: an interruption costs only the running jobs, and the same
-command resumes. Times are no results: what a work returns under ``seconds`` goes to a file beside.
+command resumes. Times are not results: the entry ``seconds`` goes to a file of its own.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 
 RESULT_SCHEMA = "aquafish.result/1"
 TIMES_SCHEMA = "aquafish.times/1"
-TRIES = 3  # how often unfinished jobs are started if worker processes die
-SILENT_SECONDS = 25.0  # at most without a line
+TRIES = 3  # starts of an unfinished job if worker processes die
+SILENT_SECONDS = 25.0  # s, longest time without a line
 COMPILING = "what is not compiled yet compiles first, for up to a minute"  # in every worker
-_LONGEST = 300  # characters of a failure's reason
+_LONGEST = 300  # characters in the reason of a failure
 
 
 class Report(Protocol):
-    """Takes a line, and by how many jobs the bar advances."""
+    """Takes a line, and the number of jobs by which the bar advances."""
 
     def __call__(self, text: str, ended: int) -> None: ...
 
@@ -75,20 +75,20 @@ def run_jobs(
     Parameters
     ----------
     folder
-        Locked by ``manifest.lock``.
+        Folder of the results, locked by ``manifest.lock``.
     count, scheduler
         Worker processes, or the address of a dask scheduler; see ``workers.workers``.
     warm_up
-        Takes the missing jobs before any of them runs, as to compile for all workers.
+        Called with the missing jobs before any of them runs, for example to compile kernels.
     describe
-        Returns the number that matters in a result, for the progress bar.
+        Returns the main number of a result, for the progress bar.
 
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C or SIGTERM, with the number of jobs left.
+        On Ctrl-C or SIGTERM; the message has the number of remaining jobs.
     OSError
-        If processes cannot start or die again and again, a cluster has gone, or a file cannot be
+        If processes cannot start or die repeatedly, a cluster is lost, or a file cannot be
         written.
     """
     done = finished(folder, jobs)
@@ -103,7 +103,8 @@ def run_jobs(
             warm_up(list(left))
             futures = {executor.submit(run_job, work, job): job for job in left}
             for future in _as_completed(futures, executor, partial(report, ended=0)):
-                job, (content, reason) = futures[future], _answer(future)
+                job = futures[future]
+                content, reason = _answer(future)
                 if content is None:
                     failures.append(f"{job.name}: {' '.join(reason.split())[:_LONGEST]}")
                     report(f"failed: {failures[-1]}", 1)
@@ -141,7 +142,7 @@ def run_jobs(
 
 
 def exit_if_failed(failures: Sequence[str]) -> None:
-    """Print what :func:`run_jobs` returned; raise SystemExit with the code 1 if a job failed."""
+    """Print the failures of :func:`run_jobs`; raise SystemExit(1) if there are any."""
     for failure in failures:
         print(f"failed: {failure}", file=sys.stderr)
     if failures:
@@ -149,7 +150,7 @@ def exit_if_failed(failures: Sequence[str]) -> None:
 
 
 def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
-    """Return the jobs whose files are there and whole."""
+    """Return the jobs with complete files."""
     done = set()
     for job in jobs:
         try:
@@ -161,7 +162,7 @@ def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
 
 
 def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
-    """Return a job's result, or ``None`` without a file; DamagedFileError if it is not one."""
+    """Return a job's result, or ``None`` without a file; other content raises DamagedFileError."""
     path = folder / job.file
     if not path.exists():
         return None
@@ -170,12 +171,12 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 
 
 def _times(path: Path) -> Path:
-    """Return the file of the times beside a result's."""
+    """Return the file of times for the file of a result."""
     return path.with_suffix(".times.json")
 
 
 def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, str]:
-    """Run a job; return its file's bytes, or ``None`` and the reason."""
+    """Run a job; return the bytes of its file, or ``None`` and the reason."""
     try:
         return encode_document(work(job), RESULT_SCHEMA), ""
     except (Exception, SystemExit) as error:
@@ -187,7 +188,7 @@ def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes 
 def _as_completed(
     futures: Iterable[Future[Any]], executor: Workers, say: Callable[[str], None]
 ) -> Iterator[Future[Any]]:
-    """Yield futures as they end, and look after the workers meanwhile."""
+    """Yield futures as they end, and watch the workers meanwhile."""
     pending = set(futures)
     while pending:
         done, pending = wait(pending, POLL_SECONDS, FIRST_COMPLETED)
@@ -196,14 +197,14 @@ def _as_completed(
 
 
 def _answer(future: Future[tuple[bytes | None, str]]) -> tuple[bytes | None, str]:
-    """Return what :func:`run_job` returned, or why it did not."""
+    """Return the result of :func:`run_job`, or the reason for its failure."""
     try:
         return future.result()
     except BrokenProcessPool:
         raise
     except CancelledError:
         raise OSError("the workers have gone") from None
-    except Exception as error:  # such as dask's KilledWorker, which has advice to add
+    except Exception as error:  # such as dask's KilledWorker, with advice of its own
         return None, f"{type(error).__name__}: {error}".partition(". ")[0]
 
 

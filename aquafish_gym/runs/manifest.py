@@ -1,6 +1,6 @@
-"""Folders of results: one command at a time fills one, and a manifest names its settings.
+"""Folders of results: a lock for one command at a time, and a manifest of its settings.
 
-The manifest, ``settings.json``, holds the kind of results and the settings that decide them. A
+The manifest, ``settings.json``, has the kind of results and the settings that determine them. A
 command with other settings is refused.
 """
 
@@ -20,7 +20,8 @@ from filelock import lock_descriptor
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
-LOCK, SETTINGS = ".aquafish.lock", "settings.json"
+LOCK = ".aquafish.lock"
+SETTINGS = "settings.json"
 FOLDER_SCHEMA = "aquafish.folder/1"
 REMOVES_OPEN_FILES = os.name != "nt"
 LIBRARIES = (
@@ -30,12 +31,12 @@ LIBRARIES = (
 
 @contextmanager
 def lock(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; the system releases the lock of one that dies.
+    """Lock a folder for this process; the system releases the lock of a process that dies.
 
     Raises
     ------
     InvalidArgumentError
-        If another process has it.
+        If another process holds the lock.
     """
     path = folder / LOCK
     handle = _locked(path)
@@ -43,17 +44,18 @@ def lock(folder: Path) -> Iterator[None]:
         yield
     finally:
         try:
-            if REMOVES_OPEN_FILES:  # while it is locked: later it may be another process's
+            # removed while locked, because it may later belong to another process
+            if REMOVES_OPEN_FILES:
                 path.unlink(missing_ok=True)
         finally:
             os.close(handle)
         if not REMOVES_OPEN_FILES:
-            with suppress(OSError):  # another process has opened it, and will remove it
+            with suppress(OSError):  # another process has opened the file, and will remove it
                 path.unlink()
 
 
 def _locked(path: Path) -> int:
-    """Return the descriptor of a file that this process has locked; see :func:`lock`."""
+    """Return the descriptor of a file, locked by this process; see :func:`lock`."""
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)  # Windows has no O_NOFOLLOW
     with ExitStack() as undo:
         try:
@@ -63,9 +65,9 @@ def _locked(path: Path) -> int:
             found = os.fstat(handle)
         except OSError as error:
             raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
-        if not free or not found.st_nlink:  # without a link, its last holder has just removed it
+        if not free or not found.st_nlink:  # no link: the last holder has just removed the file
             raise InvalidArgumentError(f"out: {path.parent} is in use by another command")
-        if found.st_size:  # it would be removed in the end
+        if found.st_size:  # the lock file is removed at the end, so it must be empty
             raise InvalidArgumentError(f"out: {path} is no lock of ours: it is not empty")
         undo.pop_all()
         return handle
@@ -101,22 +103,22 @@ def write_manifest(
     Parameters
     ----------
     kind
-        In words, such as "a study".
+        Kind of results in words, such as "a study".
     settings
-        All that decides the results, ready for JSON.
+        Settings that determine the results, ready for JSON.
     outputs
-        Files that the command will write, which must not exist without a manifest.
+        Files that the command will write. They must not exist without a manifest.
 
     Raises
     ------
     InvalidArgumentError
-        With the first setting that differs; nothing has been written then.
+        If a setting differs; the message names the first. Nothing is written then.
     """
     before = read_manifest(folder)
     asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))
     rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
-        # A study's manifest is study.json, which grows with it.
+        # A study's manifest is study.json, which can be extended.
         found = [n for n in dict.fromkeys(("study.json", *outputs)) if (folder / n).exists()]
         if found:
             raise InvalidArgumentError(f"{rule} {' and '.join(found)} but no {SETTINGS}")
@@ -148,7 +150,7 @@ def result_folder(
 def refuse_difference(
     folder: Path, kind: str, held: Mapping[str, Any], asked: Mapping[str, Any]
 ) -> None:
-    """Raise InvalidArgumentError with the first setting, in order, in which two mappings differ."""
+    """Raise InvalidArgumentError with the first setting that differs in two mappings."""
     there = flat(held)
     here = flat(asked)
     missing = object()

@@ -1,4 +1,4 @@
-"""What reports in Markdown share: tables, and the format of their pictures."""
+"""Markdown of reports: tables, and the format of pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """Return a table, whose first row is its head.
+    """Return rows as a Markdown table; the first row is the head.
 
     Examples
     --------
@@ -20,5 +20,5 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def shown_format(formats: Collection[str]) -> str:
-    """Return the one of some file formats that a report shows: PDF last, as few readers show it."""
+    """Return the file format of a report's pictures; PDF last, because few readers show it."""
     return next(form for form in ("png", "svg", "pdf") if form in formats)

@@ -11,13 +11,13 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-QUIET_SECONDS = 5.0  # at most, between two lines
-BEAT_SECONDS = 0.5  # between two looks at the clock
+QUIET_SECONDS = 5.0  # longest time between two lines
+BEAT_SECONDS = 0.5  # interval of the clock
 
 
 @contextmanager
 def every(seconds: float, say: Callable[[], None]) -> Iterator[None]:
-    """Call a function at intervals of some seconds, from a thread, until the block ends."""
+    """Call a function every few seconds, from a thread, until the block ends."""
     ended = Event()
 
     def repeat() -> None:
@@ -37,7 +37,7 @@ def every(seconds: float, say: Callable[[], None]) -> Iterator[None]:
 def show_progress(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
     """Show a progress bar on stderr; without a terminal, a line every tenth or five seconds.
 
-    The function that it yields takes how much is done, and a line about it.
+    It yields a function that takes the number of finished units and a line about them.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -57,7 +57,7 @@ def show_progress(label: str, total: int) -> Iterator[Callable[[int, str], None]
 class _Lines:
     """Lines of progress on stderr, at most ``QUIET_SECONDS`` apart.
 
-    A thread calls ``beat`` meanwhile, so that a step longer than that is not silent.
+    A thread calls ``beat`` meanwhile, so that a longer step is not silent.
     """
 
     def __init__(self, label: str, total: int) -> None:
@@ -68,15 +68,16 @@ class _Lines:
         self._lock = Lock()
 
     def show(self, done: int, text: str) -> None:
-        """Take how much is done, and a line about it; print it where another tenth is done."""
+        """Take the number of finished units and a line; print the line after each tenth."""
         with self._lock:
             tenths = self._done * 10 // self._total
-            self._done, self._text = done, text
+            self._done = done
+            self._text = text
             if done * 10 // self._total > tenths:
                 self._print(text)
 
     def beat(self) -> None:
-        """Print where nothing was printed for long."""
+        """Print if nothing was printed for ``QUIET_SECONDS``."""
         with self._lock:
             if time.monotonic() - self._said > QUIET_SECONDS - BEAT_SECONDS:
                 self._print(f"{self._text}, {time.monotonic() - self._began:.0f} s")
@@ -87,7 +88,7 @@ class _Lines:
 
 
 def track(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield items, of which there are ``total``, and show how many are done."""
+    """Yield ``total`` items and show the number of finished items."""
     with show_progress(label, total) as show:
         for done, item in enumerate(items, 1):
             yield item
@@ -96,9 +97,9 @@ def track(items: Iterable[T], label: str, total: int) -> Iterator[T]:
 
 @contextmanager
 def show_share(label: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the progress of work whose total is only known when it has begun.
+    """Show the progress of work; its total is known only after the start.
 
-    The function that it yields takes how many of how many units are done.
+    It yields a function that takes the number of finished units and of all units.
     """
     with show_progress(label, 100) as show:
         yield lambda done, total: show(100 * done // total, f"{label}: {done} of {total} {unit}")

@@ -22,10 +22,9 @@ from aquafish_gym.utils.validation import (
 
 MOST_WORKERS = 1024
 POLL_SECONDS = 1.0
-SAID_SECONDS = 15.0  # after which the silence of a worker process is reported
-KILLED_SECONDS = 60.0  # and after which it is killed
-# In a worker, numerical libraries start no threads of their own, and Python imports nothing from
-# the current folder.
+SAID_SECONDS = 15.0  # the silence of a worker process is then reported
+KILLED_SECONDS = 60.0  # a silent worker process is then killed
+# Workers run numerical libraries on one thread, and import nothing from the current folder.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -36,7 +35,7 @@ _ENVIRONMENT = {
 
 
 def check_workers(count: int | None, scheduler: str | None) -> None:
-    """Refuse a number out of range, an address without its protocol, and both."""
+    """Raise for a number out of range, an address without protocol, or both arguments."""
     if count is not None and scheduler is not None:
         raise InvalidArgumentError(
             f"workers has no effect with a scheduler, whose workers are used; got {count}"
@@ -54,12 +53,12 @@ class Workers(Protocol):
     """Processes that run functions."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        """Run a function in one of them."""
+        """Run a function in one of the processes."""
 
     def check(self, say: Callable[[str], None]) -> None:
-        """Look whether they still answer; to be called about every ``POLL_SECONDS``.
+        """Check that the processes answer; call this about every ``POLL_SECONDS``.
 
-        ``say`` takes a sentence about a silent one. OSError if none is left.
+        ``say`` is called with a sentence about a silent process. Raises OSError if none is left.
         """
 
 
@@ -67,14 +66,15 @@ class Workers(Protocol):
 def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
     """Yield workers, whose processes are killed if the block ends by an error or Ctrl-C.
 
-    There are ``count`` processes of this machine, by default one for each core that this process
-    may use; or those of the dask scheduler at an address such as ``tcp://host:8786``. Those need
-    this package, the same sources and versions of it, but no shared file system.
+    The workers are ``count`` processes of this machine, by default one for each core that this
+    process may use, or the workers of a dask scheduler at an address such as ``tcp://host:8786``.
+    A cluster's workers need the same sources and versions of this package, but no shared file
+    system.
 
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
-        If the scheduler does not answer, has no workers or others than this package's, or dask is
+        If the scheduler does not answer, has no workers or workers with other sources, or dask is
         not installed.
     """
     check_workers(count, scheduler)
@@ -93,9 +93,9 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
 
 
 class _Pool(ProcessPoolExecutor):
-    """Processes with the environment of workers, which leave Ctrl-C to their parent.
+    """Worker processes; they leave Ctrl-C to their parent.
 
-    Each sends a beat every second, so that the silence of one that is stopped is noticed.
+    Each sends a beat every second, so that a stopped process is noticed.
     """
 
     def __init__(self, count: int) -> None:
@@ -104,14 +104,14 @@ class _Pool(ProcessPoolExecutor):
         self._beats = context.Pipe(duplex=False)
         super().__init__(count, context, _begin, (self._closing[0], self._beats[1]))
         self._futures: set[Future[Any]] = set()
-        self._silent: dict[int, float] = {}  # process -> s without a beat
+        self._silent: dict[int, float] = {}  # process: seconds without a beat
         self._checked = time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         before = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
         os.environ.update(_ENVIRONMENT)
         try:
-            with _interrupts_blocked():  # also in the processes that this call starts
+            with _interrupts_blocked():  # inherited by the processes that this call starts
                 future = super().submit(fn, *args, **kwargs)
         finally:
             for name in _ENVIRONMENT:
@@ -122,10 +122,11 @@ class _Pool(ProcessPoolExecutor):
         return future
 
     def check(self, say: Callable[[str], None]) -> None:
-        """Say that a worker is silent, and kill one that has been for long; its jobs break."""
+        """Report a silent worker, and kill it after a longer silence; its jobs fail then."""
         now = time.monotonic()
-        # Not the time that this process was itself stopped, as by Ctrl-Z.
-        passed, self._checked = min(now - self._checked, 2 * POLL_SECONDS), now
+        # This excludes time in which this process itself was stopped, for example by Ctrl-Z.
+        passed = min(now - self._checked, 2 * POLL_SECONDS)
+        self._checked = now
         beating = set()
         while self._beats[0].poll():
             beating.add(int.from_bytes(self._beats[0].recv_bytes(), "little"))
@@ -142,13 +143,13 @@ class _Pool(ProcessPoolExecutor):
                 )
 
     def finish(self) -> None:
-        """Wait for all that was submitted."""
+        """Wait for all submitted jobs."""
         while pending := set(self._futures):
             wait(pending, POLL_SECONDS)
             self.check(_say)
 
     def kill(self) -> None:
-        """End all processes at once, also stopped ones."""
+        """End all processes at once, even stopped ones."""
         for process in list((getattr(self, "_processes", None) or {}).values()):
             process.kill()
         self.shutdown(cancel_futures=True)
@@ -158,7 +159,7 @@ class _Pool(ProcessPoolExecutor):
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in a block, where the system can: Windows cannot."""
+    """Block Ctrl-C within a block of code; Windows cannot do this."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -174,8 +175,8 @@ def _say(sentence: str) -> None:
 
 
 def _begin(closing: Connection, beats: Connection) -> None:
-    """Have this process end when its parent closes the pipe, or dies; send beats till then."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Windows it was not blocked
+    """End this process when its parent closes the pipe or dies; send beats until then."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows did not block Ctrl-C
 
     def watch() -> None:
         try:
@@ -186,7 +187,7 @@ def _begin(closing: Connection, beats: Connection) -> None:
     def beat() -> None:
         number = os.getpid().to_bytes(8, "little")
         while True:
-            beats.send_bytes(number)  # so few bytes are written whole
+            beats.send_bytes(number)  # a write of so few bytes is atomic
             time.sleep(POLL_SECONDS)
 
     for task in (watch, beat):

@@ -1,10 +1,10 @@
-"""Where compiled code is kept: the user's cache folder, never the installation.
+"""The cache of compiled kernels in the user's cache folder, never in the installation.
 
-The folder is ``aquafish`` in ``NUMBA_CACHE_DIR`` if that is set, else in the place that the system
-has for a user's caches. Each kernel has files of its own, named by a hash of all that it depends
-on: its sources, the types of its arguments, the processor, and the versions of Python and numba. So
-processes, versions and machines may share the folder. What has not been used for the longest time
-is removed when the folder has grown too large.
+The folder is ``aquafish`` in ``NUMBA_CACHE_DIR`` if that is set, otherwise in the system's cache
+folder of the user. Each kernel has files of its own, named by a hash of its sources, the types of
+its arguments, the processor, and the versions of Python and numba. So processes, versions and
+machines may share the folder. When the folder is too large, the least recently used files are
+removed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numba.core.caching import (
 )
 from platformdirs import user_cache_path
 
-MAXIMUM_CACHE_BYTES = 256 * 2**20  # of kernels on disk; those of one version take some 10 MB
+MAXIMUM_CACHE_BYTES = 256 * 2**20  # of kernels on disk; one version takes about 10 MB
 KEPT_SECONDS = 3600.0  # younger files are never removed
 ADVICE = "set NUMBA_CACHE_DIR to a folder that can be written"
 
@@ -42,7 +42,7 @@ def cache_folder() -> Path:
 
 @functools.cache
 def why_nothing_is_kept(folder: Path) -> str:
-    """Return the reason why a folder takes no files, "" if it does; it is created if missing."""
+    """Return the reason why a folder takes no files, or ""; a missing folder is created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -52,10 +52,10 @@ def why_nothing_is_kept(folder: Path) -> str:
 
 
 def module_source(module: Any) -> bytes:
-    """Return the source of a module from wherever it was loaded, such as a file or a zip.
+    """Return the source of a module, from a file or a zip.
 
-    It is that of the file which the module names now; its bytecode if there is no source, and
-    nothing for a module without a file, such as that of ``python -c``.
+    It is the present source of the module's file, or its bytecode without a source. A module
+    without a file, such as that of ``python -c``, has an empty source.
     """
     name = getattr(module, "__file__", None)
     loader = getattr(module, "__loader__", None)
@@ -67,10 +67,11 @@ def module_source(module: Any) -> bytes:
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]
-    """Tells numba where the kernels of a function are, without a look at its file."""
+    """Locates a function's kernels for numba, without access to the function's file."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
-        self._function, self._py_file = function, file
+        self._function = function
+        self._py_file = file
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> _Locator:
@@ -94,10 +95,10 @@ class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
-    """A cache whose kernels have an index each, so that processes may compile at the same time.
+    """A cache with an index for each kernel, so that processes may compile at the same time.
 
-    numba keeps one index for all kernels that are defined at one line. Two processes that add to
-    it at once may give their kernels the same file, and one is then called as the other.
+    numba keeps one index for all kernels that are defined at one line. Two processes that write it
+    at the same time may give their kernels the same file; one kernel then runs as the other.
     """
 
     _impl_class = _Implementation
@@ -105,9 +106,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def __init__(
         self, function: Callable[..., Any], stamp: str, unkept: Callable[[str], None]
     ) -> None:
-        """Make the cache of a function whose sources have a ``stamp``.
+        """Make the cache of a function; ``stamp`` is a hash of its sources.
 
-        ``unkept`` takes the reason why a kernel could not be saved.
+        ``unkept`` is called with the reason when a kernel cannot be saved.
         """
         super().__init__(function)
         self._unkept = unkept
@@ -116,11 +117,11 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # a damaged file: the kernel is compiled and written again
+        except Exception:  # the file is damaged: the kernel is compiled and written again
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save a kernel, or say why it is not kept, as on a full disk."""
+        """Save a kernel, or report the reason if that fails, such as a full disk."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -136,7 +137,7 @@ class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
             own.save(key, data)
         except OSError:
             raise
-        except Exception:  # its index is damaged
+        except Exception:  # the index is damaged
             own.flush()
             own.save(key, data)
 
@@ -145,7 +146,7 @@ class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
         data = own.load(key)
         if data is not None:
             for name in (own._index_name, own._data_name(1)):
-                with suppress(OSError):  # the folder may be shared, and for reading only
+                with suppress(OSError):  # a shared folder may be read-only
                     os.utime(Path(self._cache_path) / name)
         return data
 
@@ -157,9 +158,9 @@ class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def prune(folder: Path, most_bytes: int = MAXIMUM_CACHE_BYTES) -> None:
-    """Remove the files that were not used for the longest time, until the others fit.
+    """Remove the least recently used files until the others fit.
 
-    A process that was about to read one compiles its kernel instead.
+    A process that is about to read a removed file compiles its kernel instead.
     """
     files: list[tuple[float, int, str]] = []
     with suppress(OSError):
@@ -167,7 +168,8 @@ def prune(folder: Path, most_bytes: int = MAXIMUM_CACHE_BYTES) -> None:
             with suppress(OSError):  # another process has removed it
                 status = entry.stat(follow_symlinks=False)
                 files.append((status.st_mtime, status.st_size, entry.path))
-    held, now = sum(size for _, size, _ in files), time.time()
+    held = sum(size for _, size, _ in files)
+    now = time.time()
     for used, size, path in sorted(files):
         if held <= most_bytes or now - used < KEPT_SECONDS:
             return

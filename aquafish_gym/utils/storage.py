@@ -1,7 +1,7 @@
-"""Files that appear whole or not at all, and are checked when they are read.
+"""Files that are written whole or not at all, and checked when they are read.
 
-A document is a JSON object. One that a program wrote has its schema and a checksum beside the
-content's own keys; what people write needs neither. For arrays see ``arrays``.
+A document is a JSON object. Documents that programs write have a schema and a checksum beside their
+content; documents that people write need neither. For arrays see ``aquafish_gym.runs.arrays``.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ import numpy as np
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, parse_json
 
 MAXIMUM_DOCUMENT_BYTES = 32 * 2**20  # of a document
-_CHECKSUM, _CHECKSUM_DIGITS = "checksum", 16  # its key, and hexadecimal digits of SHA-256
+_CHECKSUM = "checksum"  # its key in a document
+_CHECKSUM_DIGITS = 16  # hexadecimal, of SHA-256
 
 
 class DamagedFileError(InvalidArgumentError):
-    """A file does not hold what it should; the message names it and the reason."""
+    """A file is damaged or has other content than expected; the message names file and reason."""
 
 
 class CannotWriteError(OSError):
-    """A file cannot be written, as on a full disk; an old one of that name is still there."""
+    """A file cannot be written, such as on a full disk; an old file of that name remains."""
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path`` as a directory that takes files; created if missing, else refused."""
+    """Return ``path`` as a writable directory, created if missing; raise if that is impossible."""
     if isinstance(path, str) and not path:  # Path("") is the current directory
         raise InvalidArgumentError(f"{argument} must be a directory; got ''")
     directory = file_path(argument, path)
@@ -52,9 +53,9 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path``, where a file will be written, or refuse what no file can replace.
+    """Return ``path`` for a file to write; its folder is created.
 
-    A device, a pipe, a socket or a directory of that name is refused. The folder is created.
+    A device, a pipe, a socket or a directory of that name is refused.
     """
     target = file_path(argument, path)
     try:
@@ -68,7 +69,7 @@ def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
 
 
 def _check_replaceable(target: Path) -> None:
-    """Raise OSError if something other than a regular file has that name, also by a link."""
+    """Raise OSError if the name, also through a link, belongs to anything but a regular file."""
     try:
         mode = target.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):  # or no folder
@@ -80,8 +81,8 @@ def _check_replaceable(target: Path) -> None:
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     """Write a file whole or not at all, also if the power fails, or raise CannotWriteError.
 
-    A symbolic link stays, and the file that it names is written. Devices, pipes and directories
-    are never replaced.
+    A symbolic link stays, and its target is written. Devices, pipes and directories are never
+    replaced.
     """
     target = file_path("path", path)
     try:
@@ -116,10 +117,10 @@ def write_document(
 def encode_document(
     content: Mapping[str, Any], schema: str | None = None, indent: int | None = 1
 ) -> bytes:
-    """Return the bytes of a document as JSON: its schema and checksum, if any, then its content.
+    """Return the bytes of a document as JSON: schema and checksum, if any, then the content.
 
-    Numpy numbers and arrays become numbers and lists, paths become text. Raises ValueError or
-    TypeError for what JSON cannot hold, such as NaN. A document without a schema is for people to
+    Numpy numbers and arrays become numbers and lists, paths become text. Values that JSON cannot
+    hold, such as NaN, raise ValueError or TypeError. A document without a schema is for people to
     edit, and has no checksum.
     """
     if schema is not None and _CHECKSUM in content:
@@ -134,7 +135,7 @@ def encode_document(
 
 
 def _checksum(whole: object) -> str:
-    """Return the checksum of a document's value, however it is spaced and its keys ordered."""
+    """Return the checksum of a document's value, independent of spaces and the order of keys."""
     text = json.dumps(whole, allow_nan=False, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_CHECKSUM_DIGITS]
 
@@ -147,8 +148,8 @@ def read_document(
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema.
 
-    In messages ``argument`` names the file. Raises DamagedFileError if the file holds something
-    else, and InvalidArgumentError if it cannot be read.
+    In messages ``argument`` names the file. Raises DamagedFileError if the file has other content,
+    and InvalidArgumentError if it cannot be read.
     """
     content = read_bytes(path, argument, most_bytes)
     return decode_document(content, f"{argument}: {path}", schema)
@@ -157,7 +158,7 @@ def read_document(
 def decode_document(content: bytes, name: str, schema: str | None = None) -> dict[str, Any]:
     """Return the content of an encoded document, or raise DamagedFileError with the name.
 
-    A checksum must be that of the rest. Files of before, or of people, have none.
+    A checksum must match the rest. Old files, and files that people write, have none.
     """
     try:
         whole = parse_json(name, content)
@@ -177,9 +178,9 @@ def decode_document(content: bytes, name: str, schema: str | None = None) -> dic
 
 
 def read_packaged(package: str, name: str, schema: str) -> dict[str, Any]:
-    """Return the content of a document that a package contains, also from a zip.
+    """Return the content of a document in a package, also from a zip.
 
-    Raises DamagedFileError, which advises to install again, if it is missing or damaged.
+    A missing or damaged document raises DamagedFileError, which advises to install again.
     """
     place = f"{package}/{name}"
     try:
@@ -191,7 +192,7 @@ def read_packaged(package: str, name: str, schema: str) -> dict[str, Any]:
 
 
 def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
-    """Return the content of a file that :func:`open_regular` opens."""
+    """Return the content of a file; see :func:`open_regular`."""
     with open_regular(path, argument, most_bytes) as file:
         try:
             return file.read(most_bytes)
@@ -200,9 +201,9 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
 
 
 def open_regular(path: str | os.PathLike[str], argument: str, most_bytes: int) -> BinaryIO:
-    """Return a regular file of at most ``most_bytes``, opened.
+    """Open a regular file of at most ``most_bytes``.
 
-    Anything else, such as a device or pipe, raises InvalidArgumentError before it is opened.
+    Anything else, such as a device or a pipe, raises InvalidArgumentError before it is opened.
     """
     file = file_path(argument, path)
     try:

@@ -1,4 +1,4 @@
-"""Standard streams that last: one that is closed, or whose reader has left, changes nothing."""
+"""Standard streams that survive closed descriptors and readers that leave."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 
 
 class _Lasting(io.FileIO):
-    """A file that becomes the null device when its reader leaves, as ``head`` does.
+    """A file that becomes the null device when its reader leaves, such as ``head``.
 
-    An error, as of a full disk, is raised once.
+    Other errors, such as a full disk, are raised once.
     """
 
     def write(self, data: bytes) -> int:  # type: ignore[override]
@@ -28,11 +28,11 @@ class _Lasting(io.FileIO):
 
 
 def keep_streams() -> None:
-    """Have the standard streams take what is written to the end of the process.
+    """Make the standard streams accept output until the end of the process.
 
-    The null device stands for those that are closed, so that no file takes their place, and for
-    those whose reader leaves. What the terminal cannot show, such as a file's name that is not
-    UTF-8, is written with escapes.
+    The null device replaces closed streams, so that no file takes their place, and streams whose
+    reader leaves. Characters that the terminal cannot show, such as a file's name that is not
+    UTF-8, are written with escapes.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
@@ -43,7 +43,7 @@ def keep_streams() -> None:
 
 
 def _lasting(stream: io.TextIOBase) -> io.TextIOBase:
-    """Return a stream to a file's descriptor as one that lasts; others as they are."""
+    """Return a lasting stream for a file's descriptor; other streams are returned unchanged."""
     buffer = getattr(stream, "buffer", None)
     raw = getattr(buffer, "raw", buffer)  # "python -u" has no buffer
     if not isinstance(stream, io.TextIOWrapper) or type(raw) is not io.FileIO:

@@ -1,7 +1,7 @@
-"""Checks of arguments: errors say what was expected, what came, the nearest valid choice.
+"""Checks of arguments: errors name the expected value, the given value and the nearest choice.
 
-Every public function checks its arguments with these few helpers, which raise InvalidArgumentError,
-so that every message names the argument and reads alike.
+Every public function checks its arguments with these few helpers. They raise InvalidArgumentError,
+and every message names the argument.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_MOST_PARTS = 2_000_000  # lists, objects and strings in a text in JSON; each takes 70 bytes
+_MOST_PARTS = 2_000_000  # lists, objects and strings in a JSON text; each takes 70 bytes
 Shape = tuple[int | None, ...]  # None is any length
 _T = TypeVar("_T")
 
@@ -32,15 +32,15 @@ class UnknownNameError(InvalidArgumentError):
 
 
 class MissingExtraError(ImportError):
-    """What was asked for needs an extra that is not installed; the message says how to get it."""
+    """A feature needs an extra that is not installed; the message names the command to get it."""
 
 
 class EngineUnavailableError(ImportError):
-    """The engine asked for needs a package or a display that this machine lacks."""
+    """An engine needs a package or a display that this machine lacks."""
 
 
 def install_advice(extra: str) -> str:
-    """Return how to install an extra, as no package of this name is published."""
+    """Return the command that installs an extra, in a clone: no package is published yet."""
     return f'pip install ".[{extra}]" in a clone of the repository'
 
 
@@ -51,11 +51,11 @@ def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
         return name
     said = name.lower() if isinstance(name, str) else ""
     lowered = {one.lower(): one for one in known}
-    # What is not near is no help: "dead" has two letters in three of "delay".
+    # Distant names are no help: "dead" shares two letters in three with "delay".
     close = difflib.get_close_matches(said, lowered, n=1, cutoff=0.7)
     close = close or [one for one in lowered if len(said) > 2 and said in one]
     hint = f"; did you mean {lowered[close[0]]!r}?" if close else ""
-    # Commas may be within a name.
+    # A name may contain commas.
     listed = ("; " if any("," in one for one in known) else ", ").join(known)
     raise UnknownNameError(f"{argument} must be one of {listed}; got {brief(name)}{hint}")
 
@@ -71,10 +71,11 @@ def finite_array(
 ) -> NDArray[np.float64]:
     """Return ``value`` as a new float64 array of ``shape``, every entry in [``low``, ``high``].
 
-    With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
-    is refused, and so are booleans, spans of time and masked entries.
+    With ``flat``, a batch of one may be given without its leading axis. Numbers as text, booleans,
+    spans of time and masked entries are refused.
     """
-    array, wanted = real_array(argument, value, spelled(shape)), spelled(shape)
+    array = real_array(argument, value, spelled(shape))
+    wanted = spelled(shape)
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
     if not fits(array.shape, shape):
@@ -83,7 +84,8 @@ def finite_array(
         raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
     outside = np.less(array, low) | np.greater(array, high)
     if outside.any():
-        lows, highs = np.broadcast_to(low, array.shape), np.broadcast_to(high, array.shape)
+        lows = np.broadcast_to(low, array.shape)
+        highs = np.broadcast_to(high, array.shape)
         where = tuple(int(i) for i in np.argwhere(outside)[0])
         at = f"[{', '.join(map(str, where))}]" if where else ""
         raise InvalidArgumentError(
@@ -94,9 +96,9 @@ def finite_array(
 
 
 def real_array(argument: str, value: object, wanted: str) -> NDArray[np.float64]:
-    """Return ``value`` as a new float64 array, whose entries may be NaN or infinite.
+    """Return ``value`` as a new float64 array; entries may be NaN or infinite.
 
-    InvalidArgumentError, with the ``wanted`` shape in words, if it does not consist of numbers.
+    Anything but numbers raises InvalidArgumentError with the ``wanted`` shape in words.
     """
     try:
         return _real(value)
@@ -107,7 +109,7 @@ def real_array(argument: str, value: object, wanted: str) -> NDArray[np.float64]
 
 
 def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
-    """Return whether a shape is the wanted one."""
+    """Return whether a shape matches the wanted shape."""
     return len(shape) == len(wanted) and all(
         there in (None, here) for here, there in zip(shape, wanted, strict=True)
     )
@@ -120,7 +122,7 @@ def spelled(shape: Shape) -> str:
 
 
 def positive(argument: str, value: float) -> float:
-    """Return ``value`` as a finite number above 0, quickly if it is one."""
+    """Return ``value`` as a finite number above 0; a float takes a fast path."""
     if type(value) is float and 0.0 < value < math.inf:
         return value
     return float(finite_array(argument, value, (), math.ulp(0.0)))
@@ -129,7 +131,7 @@ def positive(argument: str, value: float) -> float:
 def integer(argument: str, value: object, low: int, high: int | None = None) -> int:
     """Return ``value`` as an int in [``low``, ``high``]; booleans are not numbers here."""
     wanted = f"a whole number of at least {low}" + ("" if high is None else f" and at most {high}")
-    # numpy counts spans of time among its integers.
+    # numpy treats spans of time as integers.
     if isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64):
         value = int(value)
         if value >= low and (high is None or value <= high):
@@ -138,7 +140,7 @@ def integer(argument: str, value: object, low: int, high: int | None = None) -> 
 
 
 def flag(argument: str, value: object) -> bool:
-    """Return ``value`` as a bool, which it must be: ``"no"`` would count as True."""
+    """Return ``value``, which must be a bool, because ``"no"`` would count as True."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidArgumentError(f"{argument} must be True or False; got {brief(value)}")
     return bool(value)
@@ -154,7 +156,7 @@ def instance(argument: str, value: object, kind: type[_T]) -> _T:
 
 
 def sequence(argument: str, value: object) -> Sequence[Any]:
-    """Return ``value`` if it is a list, a tuple or an array with a length; text is none."""
+    """Return ``value`` if it is a list, a tuple or an array with a length, not text."""
     if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         return value  # type: ignore[return-value]
     raise InvalidArgumentError(f"{argument} must be a list or a tuple; got {brief(value)}")
@@ -170,13 +172,13 @@ def file_path(argument: str, value: object) -> Path:
 
 
 def callback(argument: str, value: Callable[..., Any] | None) -> None:
-    """Refuse what cannot be called; None calls nothing."""
+    """Raise unless ``value`` can be called or is None."""
     if value is not None and not callable(value):
         raise InvalidArgumentError(f"{argument} must be a function or None; got {brief(value)}")
 
 
 def utf8_text(argument: str, value: object) -> str:
-    """Return text that UTF-8 can hold, which the bytes of another encoding cannot."""
+    """Return text that UTF-8 can hold; raise for bytes of another encoding."""
     text = instance(argument, value, str)
     try:
         text.encode()
@@ -188,9 +190,9 @@ def utf8_text(argument: str, value: object) -> str:
 
 
 def parse_json(argument: str, text: object) -> Any:
-    """Return the value of a text in JSON, whose numbers must be finite.
+    """Return the value of a JSON text with finite numbers.
 
-    Raises InvalidArgumentError, also for a text whose value would take much more memory than it.
+    Raises InvalidArgumentError, also if the value would take much more memory than the text.
     """
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
@@ -204,8 +206,8 @@ def parse_json(argument: str, text: object) -> Any:
         return json.loads(text, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
-    except ValueError as error:  # of too many digits, too
-        reason = str(error).partition(";")[0]  # without Python's advice to itself
+    except ValueError as error:  # also for numbers of too many digits
+        reason = str(error).partition(";")[0]  # without Python's own advice
         raise InvalidArgumentError(f"{argument} is not JSON: {reason}") from None
 
 
@@ -217,7 +219,7 @@ def _finite(text: str) -> float:
 
 
 def _real(value: Any) -> NDArray[np.float64]:
-    """Return numbers as a new array; TypeError or ValueError refuse text, booleans and masks."""
+    """Return numbers as a new array; text, booleans and masks raise TypeError or ValueError."""
     raw = np.asarray(value)
     if raw.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise TypeError("not real numbers")
@@ -225,11 +227,11 @@ def _real(value: Any) -> NDArray[np.float64]:
 
 
 def brief(value: Any) -> str:
-    """Return what came, for a message: its ``repr`` on one line, cut short."""
+    """Return the ``repr`` of a value for a message, on one line and cut short."""
     if isinstance(value, str | bytes | list | tuple) and len(value) > 100:
-        value = value[:100]  # not only to be cut after megabytes of it have been spelled
+        value = value[:100]  # cut before megabytes are spelled
     try:
         text = re.sub(r"\n\s*", " ", repr(value))
-    except (ValueError, RecursionError):  # too many digits, too deep
+    except (ValueError, RecursionError):  # a number of too many digits, or nested too deep
         text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."

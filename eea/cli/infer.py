@@ -1,4 +1,4 @@
-"""The command ``aquafish infer``: from a recorded swim in a file to a body with intervals."""
+"""The command ``aquafish infer``: infer a body with intervals from a recorded swim."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from eea.fish.windows import log_windows
 class Infer:
     """Infer the body from a recorded swim, with its uncertainty.
 
-    The log has a row for each sample of the gyroscope: CSV with the columns time (s), gyro_x,
-    gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), left_pectoral,
-    right_pectoral (rev/s), caudal (Hz), which are the commands executed from that time on; and
-    trial, a number, if there are several. docs/howto/logs.md has more.
+    The log is a CSV with a row for each sample of the gyroscope. Its columns are time (s), gyro_x,
+    gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), and the commands
+    executed from that time on: left_pectoral, right_pectoral (rev/s), caudal (Hz). With several
+    trials a column trial has their numbers. docs/howto/logs.md has more.
 
-    It prints whether a body explains the log, each size with its 90% interval, the nuisances, what
-    remains uncertain, and what broke. Where no body does, it tries what may be wrong with the log:
-    axes, signs, exchanged flippers, the clock, units. Into --out go result.json, morphology.json,
-    posterior.npz, posterior.png and bodies.json, as of run.
+    It prints whether a body explains the log, each size with its 90% interval, the nuisances, open
+    questions, and the damage. If no body explains the log, it tries possible mistakes: axes, signs,
+    exchanged flippers, the clock, units. --out receives result.json, morphology.json,
+    posterior.npz, posterior.png and bodies.json, as from run.
     """
 
     example: ClassVar[str] = "--log examples/logs/swim.csv --out out/swim"
@@ -54,8 +54,8 @@ class Infer:
     start: Literal["rest", "moving"] = "rest"
     #: Standard deviation of the gyroscope's noise, rad/s; None to estimate it.
     noise: float | None = None
-    #: Nuisances to infer, of current, drag, servo_gain, gyro_bias and lag; all by default, none for
-    #: "--nuisances" alone.
+    #: Nuisances to infer, among current, drag, servo_gain, gyro_bias and lag. Default: all;
+    #: "--nuisances" alone: none.
     nuisances: tuple[str, ...] | None = None
     seed: int = 0  #: Seed of everything random.
     truth: BodyFile = None
@@ -63,12 +63,13 @@ class Infer:
 
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
-        log, moving = read_log(self.log), self.start == "moving"
+        log = read_log(self.log)
+        moving = self.start == "moving"
         windows = log_windows(log, moving)
         check_groups(self.nuisances, windows)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
-        streams(self.seed)  # refuses a wrong seed
+        streams(self.seed)  # raises for a wrong seed
         check_threads(self.threads)
         console = plain_console()
         for sentence in windows.remarks:

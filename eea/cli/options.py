@@ -28,7 +28,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class AlgorithmOptions:
-    """Settings of the algorithm; those that are not given stay as each condition has them."""
+    """Settings of the algorithm; settings that are not given keep each condition's default."""
 
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
@@ -38,7 +38,7 @@ class AlgorithmOptions:
     def over(self, configs: Mapping[str, Config], given: Container[str] = ()) -> dict[str, Config]:
         """Return named configurations with every setting that was given.
 
-        Those are the settings that are not at their default, and those whose option, such as
+        A setting was given if it differs from its default, or if its option, such as
         "out-of-band.revisit", is in ``given``.
 
         Raises

@@ -17,7 +17,7 @@ ROUNDS_PICTURE = "rounds.png"
 POSTERIOR_FILE = "posterior.npz"
 SAMPLE_FILE = "bodies.json"
 MARGINALS_PICTURE = "posterior.png"
-SAMPLED_BODIES = 50  # from the posterior
+SAMPLED_BODIES = 50  # number of bodies drawn from the posterior
 
 
 def write_outcome(folder: Path, result: Result) -> None:
@@ -62,7 +62,7 @@ def draw_outcome(folder: Path, result: Result, rounds: bool = True) -> None:
 
 
 def file_lines(folder: Path, result: Result) -> list[str]:
-    """Return lines that name the body's files, with the command that uses them."""
+    """Return lines with the body's files and the command that uses them."""
     evolve = f"aquafish evolve --morphology {folder}"
     if result.belief is not None and not result.belief.good:
         return [f"the best fit, which does not explain the trials, is in {folder / MODEL_FILE}"]

@@ -1,4 +1,4 @@
-"""The progress bar of long commands, with the figure that matters."""
+"""The progress bar of long commands, with their main result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def plain_console(stderr: bool = False) -> Console:
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
-    """Return a bar of counted steps, for terminals; a task's description is the figure."""
+    """Return a bar of counted steps, for terminals; a task's description is the main result."""
     return Progress(
         TextColumn(unit), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"),
         TimeRemainingColumn(), console=console, disable=not console.is_terminal,
@@ -29,9 +29,9 @@ def progress_bar(console: Console, unit: str) -> Progress:
 
 @contextmanager
 def waiting(task: str) -> Iterator[Callable[[str], None]]:
-    """Show on standard error that a ``task`` is going on; yield a function that says what it does.
+    """Show a running ``task`` on standard error; yield a function that takes its present step.
 
-    On a terminal it is one moving line; elsewhere a line at once, and one every four seconds.
+    A terminal shows one moving line. Elsewhere a line is printed at once and every four seconds.
     """
     console = plain_console(stderr=True)
     if console.is_terminal:
@@ -39,7 +39,8 @@ def waiting(task: str) -> Iterator[Callable[[str], None]]:
             yield lambda doing: status.update(f"{task}: {doing}")
         return
     console.print(f"{task} ...")
-    began, doing = time.monotonic(), [""]
+    began = time.monotonic()
+    doing = [""]
 
     def say() -> None:
         detail = f": {doing[0]}" if doing[0] else ""

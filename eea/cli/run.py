@@ -30,7 +30,7 @@ from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.statement import STATED_MASS, belief_lines, end_lines, size_table, verdict_lines
 
-# Why a session ended, in words.
+# Reasons for the end of a session, in words.
 STOP_REASONS = {
     "rounds": "all rounds are done",
     "narrow": "all intervals are narrow enough",
@@ -42,10 +42,10 @@ Method = Literal["joint", "out-of-band", "in-band", "ideal", "none", "recovery"]
 class Run(Given):
     """Let a damaged robot infer its own body from a few trials.
 
-    Into --out go settings.json, result.json (all rounds so far), times.json, morphology.json (the
-    inferred body) and rounds.png; joint inference adds posterior.npz, posterior.png and, with 50
-    bodies from the posterior, bodies.json. The same command starts the run again; a folder with
-    other settings is refused.
+    --out receives settings.json, result.json (all rounds so far), times.json, morphology.json (the
+    inferred body) and rounds.png. Joint inference adds posterior.npz, posterior.png and bodies.json
+    (50 bodies from the posterior). The same command starts the run again; a folder with other
+    settings is refused.
     """
 
     example: ClassVar[str] = "--damage left_pectoral:length=0.5 --seed 1 --out out/run"
@@ -55,11 +55,11 @@ class Run(Given):
     )  # fmt: skip
 
     out: Out = Path("out/run")
-    #: How the hidden fin angles are inferred: "joint" infers body, angles and nuisances together,
-    #: with intervals; the others are the paper's. "recovery" is out-of-band inference with the
-    #: settings of the case study.
+    #: Inference of the hidden fin angles. "joint" infers body, angles and nuisances together, with
+    #: intervals. The others are the paper's; "recovery" is out-of-band inference with the settings
+    #: of the case study.
     condition: Method = "joint"
-    #: The paper's way: --condition out-of-band, with 25 trials.
+    #: The paper's method: --condition out-of-band with 25 trials.
     paper: FlagCreatePairsOff[bool] = False
     steps: int = 256  #: Length of a trial in steps of 0.01 s; a power of two, except for joint.
     #: Trials of the target, one a round; by default 3 for joint, 16 for recovery, 25 otherwise.
@@ -71,7 +71,7 @@ class Run(Given):
     target_engine: TargetEngine = "auto"
     #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: How the target's world differs from the models'.
+    #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
     threads: Threads = None
 
@@ -91,7 +91,8 @@ class Run(Given):
 
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""
-        config, damage = self.config(), Damage.parse(self.damage)
+        config = self.config()
+        damage = Damage.parse(self.damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
         rng = streams(self.seed)["target"]
         target = EngineTarget(
@@ -149,5 +150,6 @@ def _round_line(record: RoundRecord, result: Result) -> str:
         found = f"{STATED_MASS:.0%} intervals {width:.2g}% of the ranges wide"
         if not result.belief.good:
             found = "no body explains the trials"
-    counted, fitness = f"{record.round:2d}/{result.config.rounds}", record.objective_fitness
+    counted = f"{record.round:2d}/{result.config.rounds}"
+    fitness = record.objective_fitness
     return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

@@ -40,10 +40,10 @@ _PAPERS_STEPS = (128, 256, 512, 1024)
 class StudyCommand(Given):
     """Make the paper's figures, or compare conditions: many replicates of several arms.
 
-    The arms are selected by --figure or --conditions. Into --out go study.json (what is run),
-    runs/ARM/STEPS/SEED.json (a finished replicate each) and, at the end, results.csv, summary.md
-    and figures. The same command resumes an interrupted study; a command with more seeds, steps or
-    arms extends it.
+    --figure or --conditions selects the arms. --out receives study.json (the plan),
+    runs/ARM/STEPS/SEED.json (one for each finished replicate) and, at the end, results.csv,
+    summary.md and figures. The same command resumes an interrupted study; a command with more
+    seeds, steps or arms extends it.
     """
 
     example: ClassVar[str] = "--figure 9 --replicates 5 --out out/study"
@@ -55,9 +55,9 @@ class StudyCommand(Given):
     out: Out = Path("out/study")
     #: Figures of the paper to make, 5 to 10, or all of these.
     figure: tuple[Figure, ...] | None = None
-    #: Or these conditions with their default settings, an arm each.
+    #: Conditions to compare instead, with default settings, one arm each.
     conditions: tuple[Condition, ...] | None = None
-    #: smoke makes everything very small, to see whether it works; other options override it.
+    #: smoke makes everything very small, as a trial run; other options override it.
     preset: Literal["smoke"] | None = None
     #: Lengths of trials in steps of 0.01 s, powers of two; every arm runs with each. The paper's
     #: 128, 256, 512 and 1024 by default, for smoke 128.
@@ -74,7 +74,7 @@ class StudyCommand(Given):
     target_engine: TargetEngine = "numba"
     #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: How the target's world differs from the models'.
+    #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
     #: Processes, each with one replicate at a time on one core; None for one a core. Results do not
     #: depend on it.
@@ -90,7 +90,8 @@ class StudyCommand(Given):
         for name, values in (("steps", self.steps), ("format", self.format)):
             if values == ():
                 raise ConfigurationError(f"--{name} must have one value or more; got none")
-        small, arms = self.preset == "smoke", self._arms()
+        small = self.preset == "smoke"
+        arms = self._arms()
         if small:
             arms = {name: smoke(arm) for name, arm in arms.items()}
         return Study(
@@ -126,20 +127,21 @@ class StudyCommand(Given):
     def execute(self) -> None:
         """Make the replicates that are missing, and write the study's report.
 
-        Nothing is written if an option is wrong or the folder holds something else. The exit code
-        is 1 if a replicate failed; the others are made.
+        Nothing is written if an option is wrong or the folder holds something else. A failed
+        replicate does not stop the others; the exit code is then 1.
         """
         study = self.study()
         check_workers(self.workers, self.scheduler)
         folder = ensure_writable_directory(self.out)
         with lock(folder):
-            document, jobs = extended(folder, study), study.jobs()
+            document = extended(folder, study)
+            jobs = study.jobs()
             done = finished(folder, jobs)
             missing = [job for job in jobs if job not in done]
             if missing:
                 warm_up_replicates(missing)
             write_description(folder, document)
-            jobs.sort(key=lambda job: -job.config.steps)  # the longest first
+            jobs.sort(key=lambda job: -job.config.steps)  # the longest replicates first
             failures = run_jobs(
                 jobs, replicate, folder, count=self.workers, scheduler=self.scheduler,
                 describe=_objective_fitness,

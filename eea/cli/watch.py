@@ -25,11 +25,11 @@ WATCHED_SCHEMA = "eea.watched/1"
 
 @dataclass(frozen=True)
 class Watch:
-    """Detect when a recorded swim is no longer that of the inferred body.
+    """Detect when a recorded swim no longer fits the inferred body.
 
-    The log is as for infer, of any swimming. Each second is fitted with the posterior as the prior;
-    if the fit is bad, the body has changed, and infer on the rest of the record finds the new one.
-    Into --out go settings.json, watched.json and watched.png.
+    The log has the format of infer, for any swimming. Each second is fitted with the posterior as
+    the prior. If the fit is bad, the body has changed; infer on the rest of the record finds the
+    new body. --out receives settings.json, watched.json and watched.png.
     """
 
     example: ClassVar[str] = "--log examples/logs/later.csv --posterior out/swim/posterior.npz"
@@ -42,10 +42,11 @@ class Watch:
     threads: Threads = None
 
     def execute(self) -> None:
-        """Watch the swim and print what was detected."""
-        log, belief = read_log(self.log), load_posterior(self.posterior)
+        """Watch the swim and print the result."""
+        log = read_log(self.log)
+        belief = load_posterior(self.posterior)
         check_alarm(self.alarm)
-        streams(self.seed)  # refuses a wrong seed
+        streams(self.seed)  # raises for a wrong seed
         check_threads(self.threads)
         settings = {
             "log": _digest(self.log),

@@ -1,7 +1,7 @@
 """The Estimation-Exploration Algorithm for any robot; it needs numpy alone.
 
 A ``Problem`` describes the robot, a ``Target`` performs commands, a ``Simulator`` runs models, and
-``EEA`` does the rest. ``examples/toy_robot.py`` shows all four.
+``EEA`` runs the algorithm. ``examples/toy_robot.py`` shows all four.
 """
 
 from eea.core.algorithm import EEA

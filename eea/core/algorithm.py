@@ -34,16 +34,16 @@ from eea.core.problem import Problem
 from eea.core.result import RoundFit
 from eea.core.session import Session, Streams, Trial, streams
 
-# The angles of an experiment, and the sim of models that were simulated from them, by genome.
+# The initial angles of an experiment, and cached similarities of models by genome.
 Known = tuple[bytes, dict[bytes, float]]
 
 
 @dataclass(frozen=True)
 class EEAState:
-    """What the algorithm knows after some rounds."""
+    """State of the algorithm after some rounds."""
 
     experiments: Experiments
-    genomes: Genomes  #: The models' population, shape (N, bits).
+    genomes: Genomes  #: Population of models, shape (N, bits).
     #: Cached similarities of each experiment: surviving models are not simulated again.
     known: tuple[Known, ...] = ()
 
@@ -97,12 +97,12 @@ class EEA(Session[EEAState]):
         super().__init__(target, problem, config, seed, truth, EEAState((), models), rngs)
 
     def _choose(self, state: EEAState, rngs: Streams) -> tuple[Floats, float | None]:
-        """Explore: evolve the command about which the models disagree most."""
+        """Explore: evolve the command on which the models disagree most."""
         self._simulated = self._evaluator.trials
         layout = self._problem.actions
         config = self.config.exploration
         rng = rngs["exploration"]
-        if not state.experiments:  # the models are random bodies, which teach Eq. 1 nothing
+        if not state.experiments:  # the models are still random bodies, so Eq. 1 has no information
             return layout.decode(layout.random(1, rng))[0], None
         models = self._problem.models.decode(state.genomes)
         genome, action_fitness = evolve(
@@ -121,7 +121,8 @@ class EEA(Session[EEAState]):
         context = first_context(config.condition, len(self._problem.hidden), trial.true_angles)
         behavior = summarize(RecordedLog(trial.gyro))[0]
         experiments = (*state.experiments, Experiment(trial.command, behavior, context))
-        genomes, fitness = state.genomes, np.empty(0)
+        genomes = state.genomes
+        fitness = np.empty(0)
         keys = _keys(genomes)
         known = [(pose, {k: sims[k] for k in keys if k in sims}) for pose, sims in state.known]
         for generation in range(config.estimation.generations):
@@ -164,10 +165,11 @@ class EEA(Session[EEAState]):
     ) -> Floats:
         """Return sim (N, E) of models from angles (N, E, h) in every experiment.
 
-        What is not in ``known`` is simulated in one batch and entered there, except from angles
-        that are drawn in each generation.
+        Models that ``known`` lacks are simulated in one batch and added to it, unless their angles
+        are drawn in each generation.
         """
-        keys, models = _keys(genomes), self._problem.models.decode(genomes)
+        keys = _keys(genomes)
+        models = self._problem.models.decode(genomes)
         new: list[tuple[int, int]] = []
         for e, experiment in enumerate(experiments):
             if not experiment.context.fixed:

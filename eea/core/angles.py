@@ -1,7 +1,7 @@
 """Angles, and the smallest range that includes some poses (Sec. 3.3).
 
 A range is a pair ``min_angle <= max_angle`` in rad with ``min_angle`` in [-pi, pi); one that
-crosses pi has ``max_angle`` beyond it. All hidden angles are circular: phases of a cycle too.
+crosses pi has ``max_angle`` above pi. All hidden angles are circular, also phases of a cycle.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ TURN = 2.0 * np.pi
 
 
 def wrap(angles: ArrayLike) -> Floats:
-    """Return angles brought into [-pi, pi)."""
+    """Return angles wrapped into [-pi, pi)."""
     wrapped = (np.asarray(angles, dtype=np.float64) + np.pi) % TURN - np.pi
     # The remainder of a tiny negative number rounds up to the whole turn.
     return np.where(wrapped >= np.pi, -np.pi, wrapped)
@@ -28,7 +28,7 @@ def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
 def smallest_inclusive(poses: ArrayLike) -> tuple[Floats, Floats]:
     """Return the shortest arcs, shapes (H,), that include every pose (K, H), angle by angle."""
     ordered = np.sort(wrap(poses), axis=0)
-    # The arc is the turn less the largest gap between neighbours; the last gap crosses pi.
+    # The arc is the turn minus the largest gap between neighbours; the last gap crosses pi.
     gaps = np.concatenate([np.diff(ordered, axis=0), ordered[:1] + TURN - ordered[-1:]])
     each = np.arange(ordered.shape[1])
     last = np.argmax(gaps[::-1], axis=0)

@@ -1,4 +1,4 @@
-"""Behaviours of gyroscope logs, and how similar two of them are (Sec. 3.1 and Eq. 2).
+"""Behaviours of gyroscope logs, and the similarity of two behaviours (Sec. 3.1 and Eq. 2).
 
 A behaviour is a row of complex coefficients: the discrete Fourier transforms of the angular
 velocity about each axis, in degrees/s, one after the other. Functions take whole batches.
@@ -15,12 +15,12 @@ from eea.core.checks import TargetError
 
 Coefficients = NDArray[Any]  # complex, in single or double precision
 
-MAX = 100.0  # of Eq. 2
+MAX = 100.0  # MAX of Eq. 2
 DEGREES = 180.0 / np.pi
 
 
 class Log(Protocol):
-    """What a robot's IMU recorded."""
+    """A log of a robot's IMU."""
 
     @property
     def gyro(self) -> NDArray[Any] | None:
@@ -47,12 +47,12 @@ def gyro_samples(
     steps, axes
         Required length T and number of axes; None accepts any.
     source
-        Whose log it is, for error messages.
+        Source of the log, for error messages.
 
     Raises
     ------
     TargetError
-        If the log has no ``gyro``, or it does not have the required shape with T >= 2.
+        If the log has no ``gyro``, or ``gyro`` does not have the required shape with T >= 2.
     """
     last = "axes" if axes is None else str(axes)
     wanted = f"samples of shape (B, T, {last}) or (T, {last})"
@@ -77,7 +77,7 @@ def gyro_samples(
             f"a log must hold {wanted} with at least 2 steps; got {samples.shape} from {source}"
         )
     if steps is not None and samples.shape[1] != steps:
-        # Transforms of T and T + 1 samples are equally long: the comparison would not fail.
+        # Transforms of T and T + 1 samples are equally long, so the comparison would not fail.
         raise TargetError(
             f"{source} must log trials of {steps} steps, as config.steps says; "
             f"it logged {samples.shape[1]}"

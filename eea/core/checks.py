@@ -1,6 +1,6 @@
-"""Checks of settings, whose messages name the setting, what was expected and what came.
+"""Checks of settings; messages name the setting, the expected value and the given value.
 
-The core knows no robot, so it cannot use ``aquafish_gym.utils.validation``.
+The core contains no robot, so it cannot use ``aquafish_gym.utils.validation``.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ class ConfigurationError(ValueError):
 
 
 class TargetError(RuntimeError):
-    """A target or a simulator did not answer as its protocol promises."""
+    """A target or a simulator violated its protocol."""
 
 
 def brief(value: object) -> str:
     """Return the ``repr`` of a value on one line, at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
-    except (ValueError, RecursionError):  # too many digits, too deep
+    except (ValueError, RecursionError):  # a number of too many digits, or nested too deep
         text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."
 
@@ -69,7 +69,7 @@ def instance(argument: str, value: object, kind: type) -> None:
 
 
 def text(argument: str, value: object, *, empty: bool = False) -> None:
-    """Refuse ``value`` unless it is text, and not empty unless it may be."""
+    """Refuse ``value`` unless it is text; empty text needs ``empty``."""
     sound = isinstance(value, str) and (empty or value != "")
     _require(sound, argument, "text" if empty else "text that is not empty", value)
 
@@ -95,7 +95,7 @@ def mapping(argument: str, value: object, kind: type) -> None:
 
 
 def at_most(argument: str, value: float, bound: str, limit: float) -> None:
-    """Refuse a ``value`` above the ``limit``, which is the setting ``bound``."""
+    """Refuse a ``value`` above ``limit``, the value of the setting ``bound``."""
     _require(value <= limit, argument, f"at most {bound}, {limit}", value)
 
 
@@ -131,7 +131,8 @@ def check_fields(settings: Any, prefix: str = "") -> None:
     None is accepted where it is the default.
     """
     for each in fields(settings):
-        name, value = prefix + each.name, getattr(settings, each.name)
+        name = prefix + each.name
+        value = getattr(settings, each.name)
         if is_dataclass(each.default):
             instance(name, value, type(each.default))
         elif "check" in each.metadata and not (value is None is each.default):

@@ -1,8 +1,8 @@
-"""How the four conditions treat hidden angles during estimation (Secs. 3.3, 3.4, 4.1 and 4.2).
+"""Hidden angles under the four conditions during estimation (Secs. 3.3, 3.4, 4.1 and 4.2).
 
-None and Ideal only differ in the first context of an experiment. In-Band Inference narrows the
+None and Ideal differ only in the first context of an experiment. In-Band Inference narrows the
 newest context after each generation of models (:func:`models_range`), and Out-of-Band Inference
-interrupts them by an evolution of the angles (:func:`infer_angles`).
+interrupts the generations by an evolution of the angles (:func:`infer_angles`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from eea.core.genetic import evolve
 from eea.core.genome import BitLayout, pose_layout
 from eea.core.model_evaluator import ModelEvaluator
 
-K_BEST = 3  # models whose angles In-Band's range includes
-CONFIDENCE = 0.5  # In-Band's, in the newest experiment's range
+K_BEST = 3  # number of models; In-Band's range includes their angles
+CONFIDENCE = 0.5  # of In-Band, in the newest experiment's range
 
 Experiments = tuple[Experiment, ...]  # the newest last
 
@@ -30,13 +30,13 @@ def first_context(condition: PaperCondition, hidden: int, true_angles: Floats | 
     if condition == "none":
         return Context.known(np.zeros(hidden))  # Sec. 4.2
     if condition == "ideal":
-        assert true_angles is not None  # EEA refuses targets that do not reveal them
+        assert true_angles is not None  # EEA refuses targets that do not reveal their angles
         return Context.known(true_angles)  # Sec. 4.1
     return Context.unknown(hidden, CONFIDENCE)
 
 
 def with_context(experiments: Experiments, index: int, context: Context) -> Experiments:
-    """Return the experiments with another context for one of them."""
+    """Return the experiments with the context of one replaced."""
     changed = list(experiments)
     changed[index] = replace(changed[index], context=context)
     return tuple(changed)
@@ -45,8 +45,8 @@ def with_context(experiments: Experiments, index: int, context: Context) -> Expe
 def models_range(angles: Floats, similarities: Floats) -> Context:
     """Return In-Band's context of the newest experiment: the range of the best models' angles.
 
-    Half of the models begin in that range, the others anywhere, so that it can move. Shapes are
-    (N, h) of ``angles``, the models' in that experiment, and (N,) of ``similarities``, to it.
+    Half of the models begin in that range, the others anywhere, so that the range can move.
+    ``angles`` (N, h) and ``similarities`` (N,) are those of the models in that experiment.
     """
     best = np.argsort(-similarities, kind="stable")[:K_BEST]
     return Context(*smallest_inclusive(angles[best]), CONFIDENCE)
@@ -59,7 +59,7 @@ def infer_angles(
     config: OutOfBandConfig,
     rng: np.random.Generator,
 ) -> Experiments:
-    """Infer the newest experiment's angles out of band, and those of ``config.revisit`` others."""
+    """Infer the angles of the newest and of ``config.revisit`` other experiments, out of band."""
     pose = opt_ang(models, experiments[-1], evaluator, config, rng)
     experiments = with_context(experiments, -1, Context.known(pose))
     earlier = len(experiments) - 1

@@ -19,16 +19,16 @@ from eea.core.checks import (
 PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
-MAXIMUM_TRIAL_STEPS = 2**20  # the paper's longest trial has 1024
+MAXIMUM_TRIAL_STEPS = 2**20  # samples; the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
-MAXIMUM_SIZE = 10**6  # of a search; a typing error is refused at once
+MAXIMUM_SIZE = 10**6  # limit of sizes in a search, to refuse typing errors at once
 
 
 @dataclass(frozen=True)
 class ExplorationConfig:
     """Settings of the exploration phase."""
 
-    population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Number of commands that evolve.
+    population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Size of the population of commands.
     generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations a round.
 
     def __post_init__(self) -> None:
@@ -39,7 +39,7 @@ class ExplorationConfig:
 class EstimationConfig:
     """Settings of the estimation phase."""
 
-    #: Number of models that evolve; they survive from round to round.
+    #: Size of the population of models; it survives from round to round.
     population: int = whole_field(25, 2, MAXIMUM_SIZE)
     generations: int = whole_field(100, 1, MAXIMUM_SIZE)  #: Generations a round.
 
@@ -51,14 +51,14 @@ class EstimationConfig:
 class OutOfBandConfig:
     """Settings of Out-of-Band Inference."""
 
-    #: Generations between inferences: at 0, 35 and 70 of the paper's 100.
+    #: Generations between inferences; the paper infers at 0, 35 and 70 of 100.
     period: int = whole_field(35, 1, MAXIMUM_SIZE)
-    inner_population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Number of poses that evolve.
+    inner_population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Size of the population of poses.
     inner_generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations of an inference.
     #: Number of models, drawn at random for each inference, that judge the poses; None for all.
     sampled_models: int | None = whole_field(None, 1, MAXIMUM_SIZE)
-    #: Number of earlier experiments, drawn at random, whose angles each inference updates too,
-    #: starting from their present pose. The paper locks them in: 0.
+    #: Number of earlier experiments, drawn at random. Each inference also updates their angles,
+    #: starting from the present pose. The paper locks these angles: 0.
     revisit: int = whole_field(0, 0, MAXIMUM_SIZE)
 
     def __post_init__(self) -> None:
@@ -96,7 +96,8 @@ class PaperConfig:
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
         if self.condition == "out-of-band":
-            judges, models = self.out_of_band.sampled_models or 0, self.estimation.population
+            judges = self.out_of_band.sampled_models or 0
+            models = self.estimation.population
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
 
     def to_dict(self) -> dict[str, Any]:
@@ -169,7 +170,7 @@ Config = PaperConfig | JointConfig
 
 
 def checked_config(config: Config | None) -> Config:
-    """Return the settings, or those of joint inference if None; raise if they are neither."""
+    """Return ``config``, or default joint inference for None; raise for any other type."""
     if config is None:
         return JointConfig()
     if not isinstance(config, PaperConfig | JointConfig):
@@ -183,9 +184,8 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> PaperConfig:
     """Return the EEA's best settings, those of the damage-recovery case study.
 
     They differ from the paper's Out-of-Band Inference in two settings. With ``revisit=5`` each
-    inference also updates the angles of five earlier trials, which the paper locks in: the mean
-    OBJ_FIT of docs/recovery after 16 rounds is 0.979, against 0.954 without. Five models judge the
-    angles, as in Fig. 10, which halves the number of trials.
+    inference also updates the angles of five earlier trials, which the paper locks. Five models
+    judge the angles, as in Fig. 10; this halves the number of simulated trials.
     """
     searching = OutOfBandConfig(sampled_models=5, revisit=5)
     return PaperConfig(steps=steps, rounds=rounds, out_of_band=searching)

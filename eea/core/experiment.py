@@ -1,7 +1,7 @@
-"""Targets, simulators, and experiments with what is known of their initial angles (Secs. 3.2, 3.3).
+"""Targets, simulators, and experiments with contexts of their initial angles (Secs. 3.2, 3.3).
 
-A *target* is the robot: it performs commands and returns gyroscope logs, without the angles at
-which its joints began. A *simulator* replaces it during the search and is given everything.
+A *target* is the robot: it performs commands and returns gyroscope logs, without the initial angles
+of its joints. A *simulator* replaces it during the search and takes bodies, commands and angles.
 """
 
 from __future__ import annotations
@@ -64,8 +64,9 @@ class Performed:
     ...         return Performed(self.swim(executed), executed)
     """
 
-    log: Log  #: Of one trial.
-    command: Floats  #: Shape (c,); the log counts as this command's, whatever was requested.
+    log: Log  #: Log of one trial.
+    #: Executed command, shape (c,). The log belongs to it, not to the requested command.
+    command: Floats
 
 
 class Target(Protocol):
@@ -80,7 +81,7 @@ class Target(Protocol):
 
 
 class RevealingTarget(Target, Protocol):
-    """A target that reveals afterwards where it began: the Ideal condition needs one."""
+    """A target that reveals its initial angles afterwards, as the Ideal condition requires."""
 
     @property
     def start_angles(self) -> Floats:
@@ -93,10 +94,10 @@ def reveals(target: Target) -> TypeGuard[RevealingTarget]:
 
 
 class Comparer(Protocol):
-    """Simulates and compares in one step, where a simulator can do that faster than numpy.
+    """Simulates and compares in one step, faster than numpy.
 
-    Results equal those of ``behavior.py`` and ``fitness.py`` up to rounding; those of a robot that
-    diverged are not finite.
+    Results equal those of ``behavior.py`` and ``fitness.py`` up to rounding. Results of a diverged
+    robot are not finite.
     """
 
     def to_observed(
@@ -108,7 +109,7 @@ class Comparer(Protocol):
         """
 
     def between_models(self, trials: Trials, models: int) -> Floats:
-        """Return the sum of that mean over all pairs in each run of ``models`` trials, (A,)."""
+        """Return the sum (A,) of mean differences over all pairs of each ``models`` trials."""
 
 
 class Simulator(Protocol):
@@ -122,18 +123,18 @@ class Simulator(Protocol):
         """Run B trials; return their logs, (B, T, axes). No trial may depend on the others."""
 
     def comparer(self, steps: int) -> Comparer | None:  # noqa: ARG002
-        """Return what compares trials of ``steps`` samples faster than numpy, if anything does."""
+        """Return a faster comparer of trials of ``steps`` samples than numpy, or None."""
         return None
 
 
 @dataclass(frozen=True)
 class Context:
-    """What is known of the hidden angles at the start of an experiment."""
+    """Knowledge of the hidden angles at the start of an experiment."""
 
     #: The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
     min_angle: Floats
     max_angle: Floats
-    confidence: float  #: The probability, in [0, 1], that the true angles lie in that range.
+    confidence: float  #: Probability, in [0, 1], that the true angles lie in the range.
 
     @classmethod
     def known(cls, pose: Floats) -> Self:
@@ -158,10 +159,10 @@ class Context:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One command performed on the target, its behaviour, and the context of its start."""
+    """One performed command, the target's behaviour, and the context of its initial angles."""
 
-    command: Floats  #: Shape (c,): what the target executed.
-    behavior: Coefficients  #: The target's coefficients, shape (F,).
+    command: Floats  #: Executed command, shape (c,).
+    behavior: Coefficients  #: Coefficients of the target's behaviour, shape (F,).
     context: Context
 
 
@@ -170,8 +171,8 @@ def perform_angles(
 ) -> Floats:
     """Return the initial angles of ``count`` models in each experiment, shape (count, E, h).
 
-    This is PERFORM of Sec. 3.3: with probability ``confidence`` the angles are uniform in the
-    context's range, else uniform over the turn. Fixed contexts draw no random numbers.
+    This is PERFORM of Sec. 3.3. With probability ``confidence`` the angles are uniform in the
+    context's range, otherwise uniform over the turn. Fixed contexts draw no random numbers.
     """
     width = len(experiments[0].context.min_angle)
     angles = np.empty((count, len(experiments), width))

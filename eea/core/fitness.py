@@ -1,4 +1,4 @@
-"""The paper's fitness functions (Eqs. 1, 3, 4), and the scores of chance and of the best genome."""
+"""The paper's fitness functions (Eqs. 1, 3, 4), scores of chance and of the best genome."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def action_fitness(behaviors: Coefficients) -> Floats:
 
 
 def disagreement(apart: Floats, models: int) -> Floats:
-    """Return ACT_FIT (Eq. 1) for the sum over pairs of models of their mean difference."""
+    """Return ACT_FIT (Eq. 1) from the sum of the mean differences over all pairs of models."""
     pairs = models * (models - 1) / 2  # C(M, 2)
     fitness: Floats = apart / (MAX * pairs)  # Eq. 1
     return fitness
@@ -31,11 +31,12 @@ def disagreement(apart: Floats, models: int) -> Floats:
 def _pairwise_sum(behaviors: Coefficients) -> float:
     """Return the sum of all pairs' differences for one action, behaviours (M, F).
 
-    Each model is compared with all later ones, in place on real and imaginary parts: that fits a
+    Each model is compared with all later ones, in place on real and imaginary parts. This fits a
     core's cache and is ten times as fast as gathering pairs of complex numbers.
     """
     real, imaginary = (np.ascontiguousarray(part) for part in (behaviors.real, behaviors.imag))
-    squares, buffer = np.empty_like(real), np.empty_like(real)
+    squares = np.empty_like(real)
+    buffer = np.empty_like(real)
     total = 0.0
     for i in range(len(behaviors) - 1):
         later = len(behaviors) - 1 - i
@@ -54,9 +55,9 @@ def model_fitness(similarities: Floats) -> Floats:
 
 
 def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return how far models (..., n) are from the target (n,), as shares (..., n) of the ranges.
+    """Return the distances of models (..., n) from the target (n,), as shares of the ranges.
 
-    A target that is not finite or of another shape raises ``ConfigurationError``.
+    A target that is not finite or has another shape raises ``ConfigurationError``.
     """
     truth = finite("target", target, (len(layout),))
     errors: Floats = np.abs(np.asarray(models, dtype=np.float64) - truth) / layout.span
@@ -64,7 +65,7 @@ def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) ->
 
 
 def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return OBJ_FIT (...,), 1 - mean dimension error (Eq. 4): an oracle, unused in the search.
+    """Return OBJ_FIT (...,), 1 - mean dimension error (Eq. 4); no search may use this oracle.
 
     See :func:`dimension_errors` for the parameters.
     """
@@ -92,7 +93,7 @@ def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:
 def quantisation_errors(target: ArrayLike, layout: BitLayout) -> Floats:
     """Return the errors (n,) of the genome nearest to a target (n,), as shares of the ranges.
 
-    They are not zero where a size lies between two levels.
+    An error is not zero where a size lies between two levels.
     """
     truth = finite("target", target, (len(layout),))
     return dimension_errors(layout.decode(layout.encode(truth[None]))[0], truth, layout)

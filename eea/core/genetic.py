@@ -1,8 +1,8 @@
 """The genetic algorithm of both phases, as free functions on arrays of bits (Sec. 4).
 
 "Both genetic algorithms used tournament selection with a tournament size of two, a crossover
-rate of 0.75 and a mean mutation rate of one gene per genome." The paper names neither the kind of
-crossover, uniform here, nor an elite.
+rate of 0.75 and a mean mutation rate of one gene per genome." The paper does not name the kind of
+crossover, which is uniform here, and no elite.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from eea.core.genome import Genomes
 TOURNAMENT_SIZE = 2  # contestants for each parent
 CROSSOVER_RATE = 0.75  # probability that a pair of parents swaps bits at all
 MUTATIONS = 1.0  # mean number of flipped bits a genome
-ELITES = 1  # how many of the best pass on unchanged
+ELITES = 1  # number of the best genomes that survive unchanged
 
 
 def tournament(
@@ -25,7 +25,7 @@ def tournament(
 ) -> NDArray[np.intp]:
     """Return the indices of ``count`` winners, shape (count,), each the best of ``size`` draws.
 
-    Draws are with replacement; of equals the first drawn wins.
+    Draws are with replacement. Among equals the first drawn wins.
     """
     drawn = rng.integers(0, len(fitness), size=(count, size))
     winner: NDArray[np.intp] = drawn[np.arange(count), np.argmax(fitness[drawn], axis=1)]
@@ -35,8 +35,8 @@ def tournament(
 def crossover(mothers: Genomes, fathers: Genomes, rate: float, rng: np.random.Generator) -> Genomes:
     """Return two children of each pair of parents (N, bits), shape (2 N, bits).
 
-    With probability ``rate`` a pair swaps each bit with probability 1/2; else the children are
-    copies.
+    With probability ``rate`` a pair swaps each bit with probability 1/2; otherwise the children
+    are copies.
     """
     pairs, bits = mothers.shape
     swap = rng.random((pairs, bits)) < 0.5
@@ -58,10 +58,11 @@ def next_generation(
     count = len(genomes)
     pairs = (count + 1) // 2
     parents = tournament(fitness, 2 * pairs, TOURNAMENT_SIZE, rng)
-    mothers, fathers = genomes[parents[:pairs]], genomes[parents[pairs:]]
+    mothers = genomes[parents[:pairs]]
+    fathers = genomes[parents[pairs:]]
     children = crossover(mothers, fathers, CROSSOVER_RATE, rng)
     children = mutate(children, MUTATIONS, rng)
-    # A stable sort, so that of equally fit genomes the earlier is the elite.
+    # The sort is stable: among equally fit genomes the earlier is the elite.
     elites = genomes[np.argsort(-fitness, kind="stable")[:ELITES]]
     return np.concatenate([elites, children])[:count]
 

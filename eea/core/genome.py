@@ -1,10 +1,10 @@
-"""Binary genomes: how strings of bits encode the values of variables (Sec. 3.2).
+"""Binary genomes: strings of bits that encode the values of variables (Sec. 3.2).
 
 A genome is a row of 0s and 1s, the most significant bit of each variable first, in Gray code:
 neighbouring values differ in one bit, so that a mutation can always take the smallest step. A
-variable of n bits that reads as the whole number k has the value
-``low + (high - low) * k / (2^n - 1)``, so that both ends of its range are reachable; a periodic one
-has ``low + (high - low) * k / 2^n``, since its ends are the same point.
+variable of n bits that decode to the whole number k has the value
+``low + (high - low) * k / (2^n - 1)``, so that both ends of its range are reachable. A periodic
+variable has ``low + (high - low) * k / 2^n``, because its ends are the same point.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from eea.core.checks import (
 
 Genomes = NDArray[np.uint8]
 
-ACTION_BITS = 6  # for each servo
-POSE_BITS = 8  # for each hidden angle
+ACTION_BITS = 6  # bits for each servo
+POSE_BITS = 8  # bits for each hidden angle
 MAXIMUM_GENOMES = 10**6  # of one draw
-MAXIMUM_BITS = 24  # of a variable: its levels are listed where a level of chance is computed
+MAXIMUM_BITS = 24  # of a variable, because levels of chance list all its values
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Variable:
 
 
 class BitLayout:
-    """How a genome's bits make its variables' values.
+    """The code between a genome's bits and the values of its variables.
 
     ``variables`` are in the order of their bits.
 
@@ -90,8 +90,8 @@ class BitLayout:
         self.low: NDArray[np.float64] = np.array([v.low for v in self.variables])
         self.high: NDArray[np.float64] = np.array([v.high for v in self.variables])
         self._quantum = np.array([v.quantum for v in self.variables])
-        # From Gray bits to binary ones by a running parity within each variable, and from
-        # those to whole numbers by place values: two exact matrix products.
+        # Gray bits become binary bits by a running parity within each variable, and whole
+        # numbers by place values: two exact matrix products.
         self._parity = np.zeros((self.bits, self.bits))
         self._place = np.zeros((self.bits, len(self.variables)))
         start = 0
@@ -123,7 +123,7 @@ class BitLayout:
     def encode(self, values: ArrayLike) -> Genomes:
         """Return the genomes (N, bits) nearest to values (N, variables).
 
-        Periodic variables wrap; others are clipped to their range.
+        Periodic variables wrap; other variables are clipped to their range.
         """
         array = finite("values", values, (None, len(self.variables)))
         columns: list[Genomes] = []

@@ -1,4 +1,4 @@
-"""Evaluate models: simulate them and compare their behaviours (Eqs. 1 and 2)."""
+"""Evaluation of models: simulate them and compare their behaviours (Eqs. 1 and 2)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.fitness import action_fitness, disagreement
 
-DIVERGED_SIMILARITY = -1e6  # far below any real similarity, and finite, so that means stay finite
+DIVERGED_SIMILARITY = -1e6  # far below any other similarity, but finite, so that means stay finite
 
 
 class ModelEvaluator:
@@ -28,10 +28,10 @@ class ModelEvaluator:
         self._comparer = simulator.comparer(steps)
         self.steps: int = steps
         self.axes: int = axes
-        self.trials: int = 0  #: Simulated so far.
+        self.trials: int = 0  #: Number of trials simulated so far.
 
     def behaviors(self, trials: Trials) -> Coefficients:
-        """Return the behaviours (B, F) of B trials; those of a diverged robot are not finite."""
+        """Return the behaviours (B, F) of B trials; rows of diverged robots are not finite."""
         with np.errstate(invalid="ignore", over="ignore"):
             log = self._simulator.simulate(trials)
             coefficients = summarize(log, self.steps, self.axes, "the simulator")
@@ -48,8 +48,7 @@ class ModelEvaluator:
     ) -> Floats:
         """Return sim (B,) between B trials' behaviours and ``observed[which]``.
 
-        That of a diverged robot is ``DIVERGED_SIMILARITY``. Shapes are (E, F) of ``observed``,
-        (B,) of ``which``.
+        A diverged robot has ``DIVERGED_SIMILARITY``. ``observed`` has shape (E, F), ``which`` (B,).
         """
         if self._comparer is not None:
             sim = likeness(self._comparer.to_observed(trials, observed, which))
@@ -63,7 +62,7 @@ class ModelEvaluator:
     def disagreements(self, trials: Trials, models: int) -> Floats:
         """Return ACT_FIT (A,) of A commands, each simulated on ``models`` bodies in a row (Eq. 1).
 
-        That of a command under which a robot diverged is not finite.
+        It is not finite for a command under which a robot diverged.
         """
         if self._comparer is not None:
             apart = self._comparer.between_models(trials, models)

@@ -26,13 +26,13 @@ class Problem:
     2
     """
 
-    models: BitLayout  #: The genome of a body: the dimensions to be found.
+    models: BitLayout  #: Genome of a body: the unknown dimensions.
     actions: BitLayout  #: The genome of a command.
-    #: The names of the unknown initial angles of a trial. Each is circular, in rad, over a whole
-    #: turn; zero is assumed where nothing is inferred.
+    #: Names of the unknown initial angles of a trial. Each is circular, in rad, over a whole
+    #: turn; without inference zero is assumed.
     hidden: tuple[str, ...]
     axes: int  #: Number of the gyroscope's axes.
-    #: rad/s that no such robot exceeds: a target that logs more logs in another unit.
+    #: Highest possible rate, rad/s. A target that logs higher rates uses another unit.
     fastest: float = math.inf
 
     def __post_init__(self) -> None:

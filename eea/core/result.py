@@ -1,4 +1,4 @@
-"""The results of a run: a record of each round, and all of them with the reference scores."""
+"""The results of a run: a record of each round, and all rounds with reference scores."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ from eea.core.fitness import (
 from eea.core.genome import BitLayout
 
 RUN_SCHEMA = "eea.result/1"
-SHARE_DECIMALS = (
-    4  # of a share of a range: an inferred size is handed on to other searches with as many
-)
+# decimals, in shares of a range, of sizes that other searches take
+SHARE_DECIMALS = 4
 
 
 def handed_on(bodies: Floats, low: Floats, span: Floats) -> Floats:
@@ -43,26 +42,26 @@ def handed_on(bodies: Floats, low: Floats, span: Floats) -> Floats:
 
 
 class RoundFit(NamedTuple):
-    """What a round's fit found."""
+    """Result of the fit of one round."""
 
     model: Floats  #: The best model (n,).
     fitness: float  #: Its MOD_FIT (Eq. 3).
-    context: Context  #: Of the newest trial.
+    context: Context  #: Context of the newest trial.
     spread: Floats  #: Standard deviation in each dimension, as a share (n,) of its range.
     trials: int  #: Simulated in this round.
 
 
 @dataclass(frozen=True)
 class RoundRecord:
-    """What one round did and found; every field is ready for JSON."""
+    """Record of one round; every field is ready for JSON."""
 
     round: int  #: From 1; also the number of experiments so far.
-    command: tuple[float, ...]  #: What the target performed.
-    #: ACT_FIT of that command (Eq. 1); None if it was not chosen by disagreement, or the target
-    #: executed another command.
+    command: tuple[float, ...]  #: The executed command.
+    #: ACT_FIT of the command (Eq. 1). None if the command was not chosen by disagreement, or if
+    #: the target executed another one.
     action_fitness: float | None
     model_fitness: float  #: The best MOD_FIT (Eq. 3).
-    morphology: tuple[float, ...]  #: The model that has it, n numbers.
+    morphology: tuple[float, ...]  #: The model with the best MOD_FIT, n numbers.
     #: The range inferred for the hidden angles in this round's experiment, rad.
     min_angle: tuple[float, ...]
     max_angle: tuple[float, ...]
@@ -74,7 +73,7 @@ class RoundRecord:
     dimension_error: tuple[float, ...] | None
     spread: tuple[float, ...]  #: See :class:`RoundFit`.
     trials: int  #: Simulated in this round.
-    seconds: float  #: Since the run began.
+    seconds: float  #: Time since the run began, s.
 
     @classmethod
     def of(
@@ -88,7 +87,7 @@ class RoundRecord:
         true_angles: Floats | None,
         seconds: float,
     ) -> RoundRecord:
-        """Return the record of a round's fit, compared with what is known of the truth."""
+        """Return the record of a round's fit, with errors where the truth is known."""
         errors = off = objective = None
         if truth is not None:
             objective = float(objective_fitness(fit.model, truth, layout))
@@ -132,8 +131,8 @@ class Result:
 
     config: Config
     seed: int
-    layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
-    truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
+    layout: BitLayout  #: The models' genome, with the ranges of the dimensions.
+    truth: Floats | None = None  #: The target's true dimensions (n,), if known.
     rounds: list[RoundRecord] = field(default_factory=list)
     #: Why the run ended: ``"rounds"`` or ``"narrow"``; ``"interrupted"`` until then.
     stopped: str = "interrupted"
@@ -164,8 +163,8 @@ class Result:
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's interval of probability ``mass``.
 
-        It holds the dimension of ``model``. Where no body explains the trials nothing is known of
-        it: the interval is its whole range.
+        The interval holds the dimension of ``model``. Where no body explains the trials, the
+        interval is the whole range.
 
         Raises
         ------

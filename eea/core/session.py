@@ -39,7 +39,7 @@ def streams(seed: int) -> Streams:
 class Trial(NamedTuple):
     """One trial of the target."""
 
-    command: Floats  #: Shape (c,): what it executed.
+    command: Floats  #: Executed command, shape (c,).
     gyro: Floats  #: Shape (T, axes), rad/s, finite.
     true_angles: Floats | None  #: The hidden angles (h,) at its start, if the target reveals them.
 
@@ -61,9 +61,9 @@ class Session(ABC, Generic[SessionState]):
     config, seed
         Settings, and the replicate's seed.
     truth
-        The target's dimensions (n,) if known, only for OBJ_FIT in the records.
+        The target's dimensions (n,) if known; only OBJ_FIT in the records uses them.
     state, rngs
-        Before the first round.
+        State and random generators before the first round.
     """
 
     def __init__(
@@ -78,11 +78,13 @@ class Session(ABC, Generic[SessionState]):
     ) -> None:
         if not callable(getattr(target, "perform", None)):
             raise TargetError(f"target must have a method perform; {brief(target)} has none")
-        self.config, self.seed = config, seed
-        self._target, self._problem = target, problem
+        self.config = config
+        self.seed = seed
+        self._target = target
+        self._problem = problem
         self._truth = None if truth is None else finite("truth", truth, (len(problem.models),))
         self._stopped = "interrupted"
-        # All that a round changes, replaced in one assignment.
+        # Everything that a round changes; it is replaced in one assignment.
         self._kept: tuple[SessionState, Streams, tuple[RoundRecord, ...]] = state, rngs, ()
 
     @property
@@ -107,18 +109,18 @@ class Session(ABC, Generic[SessionState]):
     def _fit(
         self, state: SessionState, trial: Trial, rngs: Streams
     ) -> tuple[SessionState, RoundFit]:
-        """Return the state after another trial, and what was found."""
+        """Return the state and the fit after another trial."""
 
     def _posterior(self, state: SessionState) -> Any:  # noqa: ARG002
         """Return the posterior, if the method has one."""
         return None
 
     def _accurate(self, state: SessionState) -> bool:  # noqa: ARG002
-        """Return whether the method has no need of another round."""
+        """Return whether the method needs no other round."""
         return False
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
-        """Run to a stop rule and call ``progress`` after each round; return the result."""
+        """Run until a stop rule holds, call ``progress`` after each round, return the result."""
         callback("progress", progress)
         for record in self:
             if progress is not None:
@@ -141,7 +143,7 @@ class Session(ABC, Generic[SessionState]):
             command, action_fitness = self._choose(state, rngs)
             trial = self._perform(command)
             if not np.array_equal(trial.command, command):
-                action_fitness = None  # it is that of another command
+                action_fitness = None  # this ACT_FIT belongs to another command
             state, fit = self._fit(state, trial, rngs)
             seconds = time.monotonic() - began
             record = RoundRecord.of(
@@ -158,7 +160,7 @@ class Session(ABC, Generic[SessionState]):
             yield record
 
     def _perform(self, command: Floats) -> Trial:
-        """Perform a command on the target; check its log, and read what it reveals."""
+        """Perform a command on the target; check its log and read revealed angles."""
         problem = self._problem
         log = self._target.perform(command.copy())
         if isinstance(log, Performed):
@@ -184,7 +186,7 @@ class Session(ABC, Generic[SessionState]):
 
 
 def _reported(what: str, value: object, width: int) -> Floats:
-    """Return numbers (width,) that the target reported; raise a TargetError if they are not."""
+    """Return numbers (width,) that the target reported; raise a TargetError for anything else."""
     try:
         return finite(what, value, (width,))  # type: ignore[arg-type]
     except ConfigurationError as error:

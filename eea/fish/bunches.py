@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import Floats
 
-BUNCH_GAP_RATIO = 2.5  # of a step that separates bunches to its shorter neighbour
-LONGEST_BUNCH_WAITS = 2.0  # the longest bunch, times the wait
-PACKET_BUNCH_WAITS = 0.5  # a bunch that only packets have, times the wait
-FEWEST_BUNCHES = 4  # bunches in a row
-FEWEST_ROWS_PER_BUNCH = 1.5  # per bunch, on average
+BUNCH_GAP_RATIO = 2.5  # ratio of a step between bunches to its shorter neighbour
+LONGEST_BUNCH_WAITS = 2.0  # longest bunch, as a multiple of the wait
+PACKET_BUNCH_WAITS = 0.5  # bunches above this multiple of the wait are nearly even
+FEWEST_BUNCHES = 4  # least number of bunches in a row
+FEWEST_ROWS_PER_BUNCH = 1.5  # rows per bunch, on average
 
 
 class Bunches(NamedTuple):
     """A stretch of a trial whose times come in bunches. Rows count from the trial's first."""
 
     starts: NDArray[np.intp]  #: The first row of each bunch.
-    last: int  #: The last row of the last one.
-    #: Whether it matters little how the rows are stamped: bunches are nearly as long as the
-    #: waits, or these are shorter than 0.01 s.
+    last: int  #: The last row of the last bunch.
+    #: Whether the stamps of the rows matter little: bunches are nearly as long as the waits, or
+    #: the waits are shorter than 0.01 s.
     loose: bool
 
     @property
@@ -35,7 +35,7 @@ class Bunches(NamedTuple):
 def bunches_of(time: Floats) -> list[Bunches]:
     """Return the stretches of a trial's times (T,), s, that come in bunches.
 
-    A gap, and a change of rate, makes no bunches; a wait of at most 0.005 s does not matter.
+    Neither a gap nor a change of rate makes bunches. A wait of at most 0.005 s does not count.
 
     Examples
     --------
@@ -51,7 +51,8 @@ def bunches_of(time: Floats) -> list[Bunches]:
     waits = np.flatnonzero((steps > BUNCH_GAP_RATIO * near) & (steps > 0.5 * TIMESTEP))
     if len(waits) < FEWEST_BUNCHES - 1:
         return []
-    starts, ends = np.append(0, waits + 1), np.append(waits, len(time) - 1)
+    starts = np.append(0, waits + 1)
+    ends = np.append(waits, len(time) - 1)
     wait = np.minimum(np.append(np.inf, steps[waits]), np.append(steps[waits], np.inf))
     length = time[ends] - time[starts]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], length < LONGEST_BUNCH_WAITS * wait, [0]])))

@@ -34,19 +34,19 @@ class MorphologyEstimate(Result):
     MorphologyEstimate(out-of-band, 0 rounds of 256 steps, seed 0)
     """
 
-    #: What was tried on a log that no body explains: an ``eea.fish.log_checks.LogCheck``.
+    #: Changes tried on a log that no body explains: an ``eea.fish.log_checks.LogCheck``.
     check: Any = None
 
     @property
     def morphology(self) -> Morphology:
-        """The last round's best model; of joint inference to 1e-4 of each range.
+        """The last round's best model; joint inference rounds it to 1e-4 of each range.
 
-        So the same seed gives the same body, and the same gait for it, on every processor.
+        So the same seed gives the same body, and the same gait, on every processor.
         """
         return Morphology.from_array(self.body)
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (9,) of each size's interval, which holds that of ``morphology``.
+        """Return the ends (9,) of each size's interval, which holds the size in ``morphology``.
 
         See ``eea.core.result.Result.interval``.
         """
@@ -58,7 +58,8 @@ class MorphologyEstimate(Result):
         return "\n".join(statement(self))
 
     def __repr__(self) -> str:
-        done, found = len(self.rounds), self.objective_fitness
+        done = len(self.rounds)
+        found = self.objective_fitness
         text = f"{self.config.condition}, {done} rounds of {self.config.steps} steps"
         fitness = "" if found is None else f", OBJ_FIT {found:.3f}"
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
@@ -85,7 +86,7 @@ def fish_eea(
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
     **simulator
-        See ``EngineSimulator``; it and ``EEA`` state the errors.
+        See ``EngineSimulator``. ``EngineSimulator`` and ``EEA`` state the errors.
     """
     config = checked_config(config)
     engine = EngineSimulator(config.steps, **simulator)
@@ -144,10 +145,10 @@ def estimate_morphology(
     target_morphology
         The body before the damage; None is the nominal one.
     damage
-        Its damage, such as ``"left_pectoral:length=0.5"``; None is no damage.
+        The damage, such as ``"left_pectoral:length=0.5"``; None is no damage.
     config
-        Settings; None for joint inference from three trials. The paper's are ``PaperConfig()``,
-        Out-of-Band Inference from 25.
+        Settings; None for joint inference from three trials. ``PaperConfig()`` has the paper's:
+        Out-of-Band Inference from 25 trials.
     seed, progress
         The seed of everything random; see ``estimate_morphology_of``.
     target_engine

@@ -28,19 +28,19 @@ class Fins(NamedTuple):
 
     angles: Floats  #: (3,) left and right pectoral angle and caudal phase, rad in [-pi, pi).
     spread: Floats  #: (3,) their circular standard deviations, rad.
-    servo_gain: Floats  #: (3,) speed over command of each servo; 0 of one that is stuck.
+    servo_gain: Floats  #: (3,) speed divided by command of each servo; 0 for a stuck servo.
 
 
 def fins_after(result: Result) -> Fins:
     """Return the estimate of the fin angles at the end of the last trial.
 
-    Given the initial angles, they follow by integrating the commands, which ``Controller.policy``
-    and ``gait.swim`` continue to do. The most probable hypothesis is used.
+    The angles follow from the initial angles by integrating the commands. ``Controller.policy`` and
+    ``gait.swim`` continue this. The most probable hypothesis is used.
 
     Raises
     ------
     ConfigurationError
-        If the result is of another condition, or of no trial.
+        If the result has another condition than joint, or no trial.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The reality gap: how a target's world differs from its models'."""
+"""The reality gap: differences of a target's world from the world of its models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aquafish_gym.world_config import WorldConfig
 
 @dataclass(frozen=True, kw_only=True)
 class RealityGap(WorldConfig):
-    """Differences of a target from its models, which do not know them; none by default.
+    """Differences of a target from its models, unknown to the models; none by default.
 
     They are relative to the shared world: currents add up, and substeps multiply.
 

@@ -34,7 +34,8 @@ def fault_hypothesis(fin: str, word: str) -> Hypothesis:
         return Hypothesis(name, freed=(SERVO[fin],), part=FIN_WORDS[fin])
     whole = Scenario.create()
     broken = Damage((Fault(fin, word),)).edit(whole)
-    before, after = whole.body[0].tolist(), broken.body[0].tolist()
+    before = whole.body[0].tolist()
+    after = broken.body[0].tolist()
     fixed = {d.name: after[i] for i, d in enumerate(DIMENSIONS) if after[i] != before[i]}
     speed = broken.servo_gain[0, FINS.index(fin)]
     angle = broken.fin_angles[0, FINS.index(fin)]

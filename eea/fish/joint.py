@@ -31,7 +31,7 @@ from eea.joint.problem import (
 from eea.joint.robot import MOST_STRIDE, Robot
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
-FINER_STEPS = 4  # for each of the simulator's steps; they show the error of its time step
+FINER_STEPS = 4  # per step of the simulator, to measure the error of its time step
 GYRO_SCALE_SD = 0.03
 GYRO_MOUNTING_SD = 0.03  # rad, about each axis
 HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
@@ -65,7 +65,7 @@ NUISANCES: tuple[Nuisance, ...] = (
     Nuisance(REACTIVE_WATER, 0.0, 1.0, 0.0, switch=True),
 )
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
-# gyroscope measures the spin up to its noise.
+# gyroscope measures the spin, apart from its noise.
 START_NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(name, -2.0, 2.0, 0.0, 0.5, start=True) for name in START_VELOCITY),
     *(Nuisance(name, -0.5, 0.5, 0.0, 0.1, start=True) for name in START_SPIN),
@@ -155,15 +155,15 @@ def fish_discrepancy(
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
 ) -> Floats:
-    """Return what the simulator may get wrong in a known way, (B, K, T, 3) in rad/s.
+    """Return errors of known shape (B, K, T, 3) that the simulator may have, in rad/s.
 
-    Each is one standard deviation: the error of its time step, the mass of the hull, a scale of
+    Each is one standard deviation: the error of the time step, the mass of the hull, a scale of
     the gyroscope, and a turn of the gyroscope about each axis.
     """
     robots = (values, inputs, True)
     now = fish_signal(*robots, simulator, windows)
     finer = replace(simulator, substeps=min(FINER_STEPS * simulator.substeps, MAXIMUM_SUBSTEPS))
-    # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
+    # The scheme is of first order: n times finer steps leave 1/n of the error.
     left = simulator.substeps / finer.substeps
     step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
     heavier = (
@@ -176,15 +176,15 @@ def fish_discrepancy(
 
 
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
-    """Return how far the simulator may be from the robot, as measured."""
+    """Return the measured discrepancy between the simulator and the robot."""
     table = discrepancy_table()
-    unit = TIMESTEP if windows is None else 1.0  # s: trials that were commanded have no times
+    unit = TIMESTEP if windows is None else 1.0  # s, because trials of commands have no times
     calibration = Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"])))
     return Discrepancy(
         table["share"],
         table["seconds"] / unit,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
-        # Measured in trials from rest: intervals of windows in mid-swim are left as wide.
+        # The factors hold for trials from rest: they do not scale intervals from mid-swim.
         calibration if windows is None or not windows.begun else None,
     )
 
@@ -199,10 +199,10 @@ def discrepancy_table() -> dict[str, Any]:
 
 
 def _at_known_start(nuisance: Nuisance) -> Nuisance:
-    """Return a nuisance as it is where the initial state is known, in still water."""
+    """Return a nuisance for a known initial state in still water."""
     if nuisance.group == "current":
         return replace(nuisance, switch=True)
-    # A reversed tail shows where its phase is known.
+    # A reversed tail can be recognised if its phase is known.
     return replace(nuisance, low=-1.0) if nuisance.name == SERVO["caudal"] else nuisance
 
 
@@ -216,9 +216,9 @@ def fish_nuisances(windows: LogWindows | None = None) -> tuple[Nuisance, ...]:
 
 
 def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
-    """Raise a ConfigurationError if a log has no such group of nuisances; None is all of them.
+    """Raise a ConfigurationError for a group of nuisances that a log lacks; None is all groups.
 
-    It needs no simulator, so it is quick where nothing is compiled yet.
+    It needs no simulator, so it is quick before anything is compiled.
     """
     groups = groups_of(fish_nuisances(windows))
     for name in chosen or ():

@@ -1,4 +1,4 @@
-"""Changes of a log: what a careless logger may have written, undone."""
+"""Changes of a log that undo possible mistakes of a logger."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
 PACES = tuple(1.1**power for power in range(-7, 8) if power)  # 0.51 to 1.95
-DELAYS = (-0.4, -0.2, 0.05, 0.1, 0.2)  # s; the lag covers 0.2 s before each
+DELAYS = (-0.4, -0.2, 0.05, 0.1, 0.2)  # s; the inferred lag covers 0.2 s before each delay
 DEGREE = np.pi / 180.0
 AXES = ("x", "y", "z")
-MIRRORED = ("x", "-y", "-z")  # the rates of a fish whose left is its right
-LEAST_CONSTANT = 0.1  # rad/s: infer_log finds smaller ones as a bias
+MIRRORED = ("x", "-y", "-z")  # signs of the rates of a mirrored fish
+LEAST_CONSTANT = 0.1  # rad/s; infer_log finds smaller constants as a bias
 
 
 @dataclass(frozen=True, eq=False)
 class LogChange:
-    """What may have to be changed in a log; the default changes nothing.
+    """One change of a log; the default changes nothing.
 
     Examples
     --------
@@ -31,19 +31,20 @@ class LogChange:
     'time running 1.2 times as fast'
     """
 
-    #: The rates about x, y and z are those about these axes of the log, such as "-y".
+    #: Axes of the log, such as "-y", that hold the rates about x, y and z.
     axes: tuple[str, str, str] = AXES
     flippers: bool = False  #: Whether the commands of the left and right flipper are exchanged.
-    pace: float = 1.0  #: The times are divided by this.
+    pace: float = 1.0  #: Divisor of the times.
     rows: int = 0  #: Rows by which the gyroscope's readings are moved to later times.
-    delay: float = 0.0  #: The same in s.
-    factor: float = 1.0  #: The rates are multiplied by this.
-    constant: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: This is taken from the rates, rad/s.
-    moving: bool = False  #: Whether trials said to begin at rest begin in mid-swim.
+    delay: float = 0.0  #: The same delay in s.
+    factor: float = 1.0  #: Factor on the rates.
+    #: Constant that is subtracted from the rates, rad/s.
+    constant: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moving: bool = False  #: Whether trials begin in mid-swim although the caller says at rest.
 
     @property
     def kind(self) -> str:
-        """Of which kind it is, for fair shares of the effort: a key of ``DESCENDED``."""
+        """The kind of change, a key of ``DESCENDED``, for a fair share of the effort."""
         if self.axes != AXES:
             return "axes"
         if self.pace != 1.0:
@@ -52,7 +53,7 @@ class LogChange:
 
     @property
     def words(self) -> str:
-        """What is changed, after "with"."""
+        """The change in words, to follow "with"."""
         said = [_axes_in_words(self.axes)] if self.axes != AXES else []
         if self.flippers:
             said.append(
@@ -87,12 +88,12 @@ class LogChange:
         log
             The log.
         moving
-            Whether its trials are said to begin in mid-swim.
+            Whether the caller says that its trials begin in mid-swim.
 
         Raises
         ------
         InvalidArgumentError
-            If it cannot be so changed: trials are too short, or rates get too large.
+            If the change is impossible: trials are too short, or rates get too large.
         """
         order = [AXES.index(axis[-1]) for axis in self.axes]
         signs = [-1.0 if axis[0] == "-" else 1.0 for axis in self.axes]
@@ -100,7 +101,8 @@ class LogChange:
         commands = log.commands[:, [1, 0, 2]] if self.flippers else log.commands
         if not self.rows:
             return SwimLog(log.time / self.pace, gyro, commands, log.trial)
-        read, seen = [], []  # rows of the readings, and of the times at which they were taken
+        read = []  # rows of the readings
+        seen = []  # rows of the times at which they were taken
         for block in log.blocks:
             rows = np.arange(block.start, block.stop)
             late = max(self.rows, 0)
@@ -111,7 +113,8 @@ class LogChange:
                 early = max(-self.rows, 0)
                 read.append(rows[early : len(rows) - late])
                 seen.append(rows[late : len(rows) - early])
-        at, taken = np.concatenate(seen), np.concatenate(read)
+        at = np.concatenate(seen)
+        taken = np.concatenate(read)
         return SwimLog(log.time[at] / self.pace, gyro[taken], commands[at], log.trial[at])
 
 

@@ -1,9 +1,9 @@
-"""Mistakes of a log: of its axes, commands, clock and units, tried where no body explains it.
+"""Checks of a log that no body explains, for mistakes in axes, commands, clock and units.
 
-A log that no body explains is more often written wrongly than swum by another robot. Each mistake
-can be undone: a ``LogChange`` returns the log without it. Scans of a few bodies rank all changes
-by what they leave unexplained in the first seconds, short descents rank the best of these, and
-complete fits of the whole log confirm the best three. Changes are tried one at a time.
+A log that no body explains is more often written wrongly than swum by another robot. A
+``LogChange`` returns the log without one mistake. Scans of a few bodies rank all changes by the
+unexplained share of the first seconds. Short descents rank the best of these, and complete fits of
+the whole log confirm the best three. Changes are tried one at a time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from eea.joint.least_squares import COARSE, Regression, descend
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 
-#: What a log must be, as questions; for those whose log no change explains.
+#: Questions to check for a log that no change explains.
 CHECKLIST = (
     "is the time in s, by the clock that the robot swam by, and the same for gyroscope and "
     "commands? Are the rates in rad/s, about x right, y forward and z up? Are the commands those "
@@ -41,29 +41,31 @@ MUST = (
     "A log has the time in s by the robot's clock, rates in rad/s about x right, y forward and z "
     "up, and the commands that were executed"
 )
-SCREENED_SECONDS, SCREENED_ROWS = 2.56, 48  # of a trial: at least both
+# The screened part of a trial has at least this duration and this number of rows.
+SCREENED_SECONDS = 2.56
+SCREENED_ROWS = 48
 SCREENED_WINDOWS = 4
 SCREENING = FitConfig(bodies=48, poses=32, descents=6, polished=1, restarts=0)
 CONFIRMING = FitConfig(alternatives="never", restarts=0)
-ITERATIONS = 10  # of a descent
+ITERATIONS = 10  # iterations of a descent
 DESCENDED = {"axes": 5, "clock": 3, "delay": 2, "other": 4}  # changes of each kind
 CONFIRMED = 3
-BETTER = 0.5  # of what the log as it is leaves unexplained
+BETTER = 0.5  # share of the unchanged log's unexplained motion
 SAME_PACE = 0.02  # share by which a pace must differ from 1
-IN_MOTION = 2.0  # a start in motion has more unknowns, and must leave less by this factor
+IN_MOTION = 2.0  # a start in motion has more unknowns, so it must leave this factor less
 
 
 class TriedChange(NamedTuple):
-    """A change and what the best fit leaves unexplained with it."""
+    """A change, and the motion that the best fit of the changed log leaves unexplained."""
 
     change: LogChange
     unexplained: float  #: The residuals' rms as a share of the signal's.
-    good: bool | None = None  #: Whether they are noise; None if that was not tested.
+    good: bool | None = None  #: Whether the residuals are noise; None if not tested.
 
 
 @dataclass(frozen=True)
 class LogCheck:
-    """What was tried on a log that no body explains, and what helps.
+    """The changes tried on a log that no body explains, and those that help.
 
     Examples
     --------
@@ -71,8 +73,8 @@ class LogCheck:
     'no change of axes, flippers, clock or units helps'
     """
 
-    unexplained: float  #: What the log as it is leaves, as a share of the signal's rms.
-    tried: tuple[TriedChange, ...]  #: What leaves least first.
+    unexplained: float  #: Residuals' rms of the unchanged log, as a share of the signal's.
+    tried: tuple[TriedChange, ...]  #: The tried changes, the best first.
 
     @property
     def fits(self) -> tuple[TriedChange, ...]:
@@ -81,7 +83,7 @@ class LogCheck:
 
     @property
     def better(self) -> tuple[TriedChange, ...]:
-        """The tested changes that leave less than half, though more than noise."""
+        """The tested changes that leave less than half unexplained, but more than noise."""
         most = BETTER * self.unexplained
         return tuple(t for t in self.tried if t.good is False and t.unexplained < most)
 
@@ -108,27 +110,27 @@ def check_log(
     progress: Callable[[str], None] | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> LogCheck:
-    """Try what may be wrong with a log, and return with which changes a body explains it.
+    """Try possible mistakes of a log, and return the changes with which a body explains it.
 
-    Tried are all axes and signs of the gyroscope, exchanged flippers, a clock that runs at 0.5 to 2
-    times the pace, a gyroscope up to 0.2 s early or 0.4 s late, degrees, a constant in the
-    gyroscope, and a start in motion. Servo faults are not: ``infer_log`` infers those.
+    Mistakes are other axes and signs of the gyroscope, exchanged flippers, a clock that runs at
+    0.5 to 2 times the pace, a gyroscope up to 0.2 s early or 0.4 s late, degrees, a constant in the
+    gyroscope, and a start in motion. Servo faults are not tried: ``infer_log`` infers them.
 
     Parameters
     ----------
     log
         A log that no body explains.
     joint
-        Settings of the inference, of which nuisances and noise count.
+        Settings of the inference; only its nuisances and noise are used.
     seed
         Seed of everything random.
     moving
-        Whether each trial is said to begin in mid-swim.
+        Whether the caller says that each trial begins in mid-swim.
     unexplained
-        What the best fit of the log as it is leaves, as a share of the signal's rms
+        Residuals' rms of the best fit of the unchanged log, as a share of the signal's
         (``belief.goodness.unexplained``); None to fit it.
     progress
-        Called with what is being done, in words.
+        Called with the present step in words.
     **simulator
         See ``EngineSimulator``.
 
@@ -166,7 +168,7 @@ def check_log(
     descended.sort(key=lambda t: t.unexplained * (IN_MOTION if t.change.moving else 1.0))
     confirmed: list[TriedChange] = []
     tested: set[int] = set()
-    # A short fit says little of a start in motion, which has many unknowns.
+    # A start in motion has many unknowns: a short fit cannot judge it.
     for one in [*descended[:CONFIRMED], *(t for t in descended[CONFIRMED:] if t.change.moving)]:
         say(f"fitting with {one.change.words}")
         tested.add(id(one.change))
@@ -185,16 +187,16 @@ def check_log(
 
 
 def _share(found: JointPosterior | None) -> float:
-    """Return what a fit leaves unexplained, all if there is none."""
+    """Return the unexplained share of a fit's signal; 1 without a fit."""
     share = None if found is None else found.goodness.unexplained
     return 1.0 if share is None else share
 
 
 def _settled(change: LogChange, found: JointPosterior, step: float) -> LogChange:
-    """Return a change of the clock or of a delay with the number that its complete fit says.
+    """Return a change of the clock or of a delay, refined by the nuisances of its complete fit.
 
-    Readings that are moved too far look like a lag, and a clock that is changed too much like slow
-    servos.
+    Readings that are moved too far look like a lag. A clock that is changed too much looks like
+    slow servos.
     """
     table = found.table()
     if change.kind == "clock" and "servo gain" in table:
@@ -206,7 +208,7 @@ def _settled(change: LogChange, found: JointPosterior, step: float) -> LogChange
 
 
 class _Log(NamedTuple):
-    """A log and how it is fitted."""
+    """A log and the settings of its fits."""
 
     log: SwimLog
     settings: FitConfig
@@ -215,9 +217,9 @@ class _Log(NamedTuple):
     simulator: SimulatorOptions
 
     def screened(self, change: LogChange, iterations: int) -> TriedChange | None:
-        """Return a change, refined, with what a short fit of the first seconds leaves.
+        """Return a refined change with the unexplained share of a short fit of the first seconds.
 
-        None if the log cannot be so changed.
+        None if the change is impossible.
         """
         moving = self.moving or change.moving
         try:
@@ -255,7 +257,7 @@ class _Log(NamedTuple):
         return TriedChange(change, float(np.sqrt(squares / misfit.count)) / regression.rms)
 
     def confirmed(self, change: LogChange) -> JointPosterior | None:
-        """Return the complete fit of the whole changed log; None if there is none."""
+        """Return the complete fit of the whole changed log; None if it is impossible."""
         moving = self.moving or change.moving
         config = replace(CONFIRMING, nuisances=self.settings.nuisances, noise=self.settings.noise)
         try:
@@ -284,9 +286,9 @@ def _shortened(log: SwimLog, moving: bool) -> SwimLog:
 
 
 def _refined(change: LogChange, found: dict[str, float]) -> LogChange:
-    """Return a change of a number with the number that the nuisances of a fit say."""
+    """Return a change with its number corrected by the nuisances of a fit."""
     if change.kind == "clock":
-        # Servos that are slower by a factor, in a log whose time has been divided by the pace.
+        # A factor on servo speeds in a log whose times were divided by the pace.
         pace = change.pace / found["servo gain"]
         return replace(change, pace=pace) if abs(pace - 1.0) > SAME_PACE else change
     if any(change.constant):

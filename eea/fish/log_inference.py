@@ -1,4 +1,4 @@
-"""Joint inference from a recorded swim: the body, and when it changed."""
+"""Joint inference from a recorded swim: the body, and the time of a change."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.search import Optima
 from eea.joint.session import round_fit
 
-WINDOW_SECONDS = 1.0  # s: a change shows in the first window that is all after it
+WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
 
 
 def infer_log(
@@ -59,30 +59,30 @@ def infer_log(
     seed
         Seed of everything random.
     truth
-        The body, if known: only for OBJ_FIT.
+        The body, if known; only OBJ_FIT uses it.
     moving
         Whether each trial's record begins in mid-swim, in an unknown state; otherwise it begins at
         rest, with unknown fin angles.
     prior
-        What the body was: a posterior, or a body that is known. Each fin may have changed since,
-        with a chance of 0.1; see ``eea.fish.prior``. None says nothing. The noise is then that of
-        ``joint``, or the posterior's.
+        The earlier body: a posterior, or a known body. Each fin may have changed since, with a
+        chance of 0.1; see ``eea.fish.prior``. The noise is then taken from ``joint``, or from the
+        posterior. None: no prior knowledge.
     start
         The state at the first row of each trial, if it is known; the water is still.
     check
-        Whether to try what may be wrong with the log where no body explains it as commanded; the
-        estimate's ``check`` then says what was found (see ``check_log``). If a change of the log
-        explains it, servo faults are not tried. It needs a log without ``prior`` and ``start``.
+        Whether to try possible mistakes of a log that no body with intact servos explains (see
+        ``check_log``); the estimate's ``check`` holds the result. If a change of the log explains
+        it, servo faults are not tried. ``prior`` and ``start`` must be None.
     progress
-        Called with what is being done, in words.
+        Called with the present step in words.
     **simulator
         See ``EngineSimulator``.
 
     Returns
     -------
     MorphologyEstimate
-        Of one round, whatever the number of trials; its ``belief`` has the posterior, the findings
-        and the verdict.
+        An estimate of one round for any number of trials. Its ``belief`` has the posterior, the
+        findings and the verdict.
 
     Raises
     ------
@@ -112,11 +112,12 @@ def infer_log(
     body = None if truth is None else Morphology.coerce(truth).to_array()
     fish = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
-        config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
+        config = replace(config, noise=_known_noise(config, prior))
+        fish = since(fish, prior)
     found: list[LogCheck] = []
 
     def doubt(plain: Optima) -> bool:
-        """Check the log; return whether a fault of the robot remains the better explanation."""
+        """Check the log; return whether a fault of the robot is the better explanation."""
         share = plain.goodness.unexplained
         found.append(
             check_log(
@@ -125,7 +126,8 @@ def infer_log(
         )
         return not found[0].fits
 
-    rng, doubts = streams(seed)["estimation"], doubt if check else None
+    rng = streams(seed)["estimation"]
+    doubts = doubt if check else None
     posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
     last = windows.time[-1].max() / TIMESTEP - STEP_TIME_TOLERANCE / TIMESTEP
     own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
@@ -138,7 +140,7 @@ def infer_log(
 
 
 def _known_noise(config: FitConfig, prior: JointPosterior | Morphology) -> float:
-    """Return the noise, rad/s, of a robot with a prior."""
+    """Return the noise, rad/s, for a swim with a prior."""
     if config.noise is None and not isinstance(prior, JointPosterior):
         raise InvalidArgumentError(
             "joint must have the gyroscope's noise where prior is a body, since an unknown noise "
@@ -150,13 +152,13 @@ def _known_noise(config: FitConfig, prior: JointPosterior | Morphology) -> float
 class Watched(NamedTuple):
     """The tests of a swim, window by window."""
 
-    time: Floats  #: (E,) when each window ended, s of swimming since the record's beginning.
+    time: Floats  #: (E,) end of each window, s of swimming since the record's beginning.
     looks: tuple[WindowTest, ...]
     alarm: float  #: The probability of a false alarm in each window.
 
     @property
     def noticed(self) -> float | None:
-        """When the change was detected, s; None if it was not."""
+        """Time of the detected change, s; None without a change."""
         changed = [not look.same for look in self.looks]
         return float(self.time[changed.index(True)]) if any(changed) else None
 
@@ -183,25 +185,25 @@ def watch_swim(
 ) -> Watched:
     """Compare a swim with the posterior of a body, one window of a second at a time.
 
-    A window has at least 16 readings, which take longer in a slow log.
+    A window has at least 16 readings, so it is longer in a slow log.
     ``eea.joint.change_detection`` describes the test.
 
     Parameters
     ----------
     log
-        A swim that begins at any moment; all its trials count. The first 0.2 s of each only show
-        how the servos moved.
+        A swim that begins at any moment; all its trials count. The first 0.2 s of each trial only
+        determine the servo speeds.
     belief
         A ``result.belief`` of joint inference, or the result of ``load_posterior`` or
         ``known_body``.
     alarm
         The probability of a false alarm in each window, more than 0.
     seed
-        Of the random starting points.
+        Seed of the random starting points.
     until_noticed
         Whether to stop at the first window that another body explains.
     progress
-        Called after each window with the number of windows done and of all.
+        Called after each window with the number of finished windows and of all windows.
     **simulator
         See ``EngineSimulator``.
 

@@ -22,7 +22,7 @@ SKY = "#56B4E9"
 PLOT_DRAWS = 4000
 BINS = 400  # of a range, for a density
 SMOOTHING_BINS = 1.5  # sd
-DENSITY_HEIGHT = 0.62  # of a row's height, for the highest density
+DENSITY_HEIGHT = 0.62  # share of a row's height at the highest density
 LEAST_NAMED_PROBABILITY = 0.01  # less probable hypotheses are not named
 
 
@@ -40,7 +40,7 @@ def fitness_figure(result: Result) -> Figure:
     for name, level, line in levels:
         if level is not None:
             axes.axhline(level, color="0.4", ls=line, lw=1, label=name)
-    # Wider, to be seen under an equal OBJ_FIT.
+    # A wider line remains visible under an equal OBJ_FIT.
     name = "MOD_FIT, fit to the target's behaviour"
     axes.plot(number, model, "o-", color=VERMILION, lw=5, ms=9, label=name)
     objective = [r.objective_fitness for r in result.rounds if r.objective_fitness is not None]
@@ -88,9 +88,9 @@ def posterior_figure(result: Result) -> Figure:
     """Return a figure of the posterior of a run of joint inference.
 
     A row is the range of one quantity, with its density, the 50% and 90% intervals (thick and thin)
-    and the truth where known. At the left are the body's sizes over all hypotheses, at the right
-    the nuisances common to all trials of the most probable one, with their priors in grey. Where no
-    body explains the trials there are only the values of the best fit.
+    and the truth where known. The left side shows the body's sizes over all hypotheses. The right
+    side shows the nuisances common to all trials under the most probable hypothesis, with their
+    priors in grey. Where no body explains the trials only the values of the best fit are shown.
     """
     belief = result.belief
     if not isinstance(belief, JointPosterior):
@@ -106,7 +106,8 @@ def posterior_figure(result: Result) -> Figure:
     sizes, *others = figure.subplots(1, columns, squeeze=False)[0]
 
     draws = belief.sample(PLOT_DRAWS, np.random.default_rng(0))
-    (low, high), (lower, upper) = result.interval(0.9), result.interval(0.5)
+    low, high = result.interval(0.9)
+    lower, upper = result.interval(0.5)
     ends = np.column_stack([low, lower, result.model, upper, high])
     for i, (start, stop) in enumerate(zip(result.layout.low, result.layout.high, strict=True)):
         _draw_row(sizes, i, start, stop, draws[:, i] if belief.good else None, ends[i], BLUE)
@@ -117,7 +118,8 @@ def posterior_figure(result: Result) -> Figure:
 
     for axes in others:
         theta = best.parameters.natural(best.doubted.sample(PLOT_DRAWS, np.random.default_rng(0)))
-        wide, half = belief.table(0.9), belief.table(0.5)
+        wide = belief.table(0.9)
+        half = belief.table(0.5)
         for i, n in enumerate(nuisances):
             middle, first, last = wide[n.name]
             five = np.array([first, half[n.name][1], middle, half[n.name][2], last])
@@ -145,7 +147,7 @@ def _draw_row(
 ) -> None:
     """Draw the density of ``draws`` (N,) over a range, on a base at the height ``place``.
 
-    ``ends`` (5,) are the ends of the 90% and the 50% interval, about the median. Without draws only
+    ``ends`` (5,) are the ends of the 90% and the 50% interval around the median. Without draws only
     the median is drawn. The axis points downwards.
     """
     axes.plot([0, 1], [place, place], color="0.75", lw=0.8, zorder=1)

@@ -18,8 +18,14 @@ MOST_HEADER_BYTES = 4 * 2**20
 def save_posterior(path: str | os.PathLike[str], belief: Any) -> None:
     """Write a ``result.belief`` of joint inference to an ``.npz`` file, whole or not at all.
 
-    The file has everything except the simulator. ``InvalidArgumentError`` if it is another belief,
-    ``CannotWriteError`` if the file cannot be written.
+    The file has everything except the simulator.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the belief is not a posterior of joint inference.
+    CannotWriteError
+        If the file cannot be written.
     """
     write_arrays(path, to_arrays(instance("belief", belief, JointPosterior)))
 
@@ -27,7 +33,7 @@ def save_posterior(path: str | os.PathLike[str], belief: Any) -> None:
 def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     """Return the posterior that ``save_posterior`` wrote, such as ``posterior.npz`` of a run.
 
-    Its ``interval``, ``sample`` and ``table`` are equal to those of the saved one.
+    Its ``interval``, ``sample`` and ``table`` return the same as before saving.
 
     Raises
     ------
@@ -39,7 +45,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
     arrays = read_arrays(path, dict.fromkeys(ARRAYS, (None,)), "posterior")
-    if arrays["header"].size > MOST_HEADER_BYTES:  # whose parts take many times its memory
+    if arrays["header"].size > MOST_HEADER_BYTES:  # its parts take many times its memory
         raise DamagedFileError(f"posterior: {path} must have a header of at most 4 MiB")
     try:
         return from_arrays(arrays)

@@ -1,4 +1,4 @@
-"""What was known of a robot's body before a swim, and how each fin may have changed since."""
+"""Priors of a body: its earlier posterior, and the ways in which each fin may have changed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ UNCHANGED_NAME = "nothing has changed"
 def known_body(
     body: Morphology, noise: float, nuisances: Sequence[str] | None = None
 ) -> JointPosterior:
-    """Return the posterior of a body that is known without trials, such as the undamaged one.
+    """Return the posterior of a body that is known without trials, such as the intact body.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def known_body(
     Raises
     ------
     ConfigurationError
-        If the noise is no finite number of at least 1e-9, or there is no such nuisance.
+        If the noise is not a finite number of at least 1e-9, or a nuisance is unknown.
 
     Examples
     --------
@@ -99,10 +99,10 @@ def check_belief(argument: str, belief: object, robot: Robot) -> None:
 def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
     """Return a robot that had a body until some of its fins changed, or none.
 
-    Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
-    changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
-    tried where no change of one explains the trials. There is no model discrepancy: the prior was
-    fitted with this simulator.
+    The prior is the most probable hypothesis of a posterior. Each fin changed with a probability of
+    0.1: it has other sizes, its servo another speed, or it is missing. Changes of two fins are
+    tried only where no change of one explains the trials. There is no model discrepancy: the prior
+    was fitted with this simulator.
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
@@ -122,7 +122,7 @@ def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
 
 
 def _changes(fin: str) -> list[Hypothesis]:
-    """Return the ways in which a fin may change, all equally probable."""
+    """Return the possible changes of a fin, all equally probable."""
     weak = fault_hypothesis(fin, "weak")
     return [
         Hypothesis(

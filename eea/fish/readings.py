@@ -1,8 +1,8 @@
 """The readings of one trial that joint inference compares: at most 100 a second.
 
-Readings closer than 0.01 s, the simulator's step, are averaged. If their noise is white, the mean
-of n has less by the root of n, but many gyroscopes filter their readings so that it has not; so the
-log itself tells how much less. Each sample has a weight that gives it the noise of one reading.
+Readings closer than 0.01 s, the simulator's step, are averaged. If their noise is white, averaging
+n readings divides it by the root of n. But many gyroscopes filter their readings, so the noise of
+means is estimated from the log. Each sample has a weight that gives it the noise of one reading.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
-STEP_TIME_TOLERANCE = 1e-4  # s, within which a sample is taken at the end of a step
-DIFFERENCE_ORDER = 4  # such differences of samples 0.01 s apart leave noise and no swimming
-FEWEST_DIFFERENCES = 20  # that show the noise
+STEP_TIME_TOLERANCE = 1e-4  # s; samples this close to the end of a step count as taken there
+# differences of this order, of samples 0.01 s apart, contain noise and no swimming
+DIFFERENCE_ORDER = 4
+FEWEST_DIFFERENCES = 20  # least number of differences to estimate the noise
 
 
 @dataclass(frozen=True, eq=False)
 class GyroReadings:
     """T readings of a trial, or of a window of it."""
 
-    base: int  #: The log's row just before.
-    base_time: float  #: Its time, s.
+    base: int  #: The log's row before the first reading.
+    base_time: float  #: Time of that row, s.
     time: Floats  #: (T,) mean times, s.
-    gyro: Floats  #: (T, 3) means, rad/s.
+    gyro: Floats  #: (T, 3) mean rates, rad/s.
     weight: Floats  #: (T,), factors that give each the noise of one reading.
-    ends: NDArray[np.intp]  #: (T,) the last row of each.
-    end_times: Floats  #: (T,) their times, s.
+    ends: NDArray[np.intp]  #: (T,) the last row of each mean.
+    end_times: Floats  #: (T,) times of these rows, s.
 
     def __len__(self) -> int:
         return len(self.time)
@@ -48,7 +49,7 @@ class GyroReadings:
         return self._some(rows, base, base_time)
 
     def after(self, time: float) -> GyroReadings:
-        """Return the readings from a time on, with the same base."""
+        """Return the readings from a time on, with the same row before."""
         return self._some(self.time >= time, self.base, self.base_time)
 
     def _some(self, rows: slice | NDArray[np.bool_], base: int, base_time: float) -> GyroReadings:
@@ -59,9 +60,9 @@ class GyroReadings:
 
 
 def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> GyroReadings:
-    """Return the readings of some rows of a trial, ``since`` s after its first.
+    """Return the readings of some rows of a trial, from ``since`` s after its first row on.
 
-    A group is at most 0.01 s long, counting the time from the reading before.
+    A group of averaged readings is at most 0.01 s long, from the reading before it on.
     """
     time = log.time[rows]
     base = int(np.searchsorted(time, time[0] + since))
@@ -93,7 +94,7 @@ def _groups(time: list[float], before: float) -> list[int]:
         if now > until:
             starts.append(i)
             own = now - before
-            if i + 1 < len(time):  # after a gap, as long as to the next
+            if i + 1 < len(time):  # after a gap, the step to the next row
                 own = min(own, time[i + 1] - now)
             until = now + TIMESTEP - own + min(STEP_TIME_TOLERANCE, 0.5 * own)
         before = now
@@ -101,7 +102,7 @@ def _groups(time: list[float], before: float) -> list[int]:
 
 
 def _whiteness(single: Floats, mean: Floats, counts: NDArray[np.intp]) -> float:
-    """Return 1 if n averaged readings have 1/n of the variance of one, 0 if they have as much.
+    """Return how white the noise is: 1 if n averaged readings have 1/n of the variance, 0 if all.
 
     ``single`` (T, 3) is one reading of each group. Where the samples are 0.01 s apart, differences
     of the fourth order leave noise alone.

@@ -1,4 +1,4 @@
-"""The fish as a problem, and the simulator of candidate fish in an engine of ``aquafish_gym``."""
+"""The fish as a problem of the EEA, and the simulator of candidate fish."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class EngineSimulator(Simulator):
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError
-        If a setting is wrong or the engine is not to be had.
+        If a setting is wrong or the engine is not installed.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class EngineSimulator(Simulator):
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        # One motionless robot, so that a wrong setting is refused here.
+        # Simulate one motionless robot, so that a wrong setting raises here.
         self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
 
     def simulate(self, trials: Trials) -> ImuLog:

@@ -1,4 +1,4 @@
-"""Behaviours compared where they are simulated: only the distances leave the engine.
+"""Comparison of behaviours within the engine: only the distances leave it.
 
 A trial's Fourier transform costs numpy about as much as the compiled engine needs for the whole
 trial, and the comparison half as much again. In the engine's lanes both are nearly free, with the

@@ -1,7 +1,7 @@
-"""Which rows of a log are readings of their own, and when each was taken.
+"""Repair of a log's stamps: rows with new readings, and the times when they were taken.
 
-A stamp may be that of a packet's arrival, and a reading that of the row before, which a driver
-repeats until the next one. Neither shows in a single row; both show in many.
+A stamp may be the time of a packet's arrival. A driver may repeat a reading until the next one.
+Neither shows in a single row; both show in many.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from eea.core.angles import Floats
 from eea.fish.bunches import Bunches, bunches_of
 from eea.fish.swim_log import GYRO_COLUMNS, LONGEST_GAP_SECONDS, SwimLog, shown
 
-FAST_MOTION_QUANTILE = (
-    0.9  # quantile of the squared changes of a signal: those in the fastest motion
-)
-LASTING_BUNCHES = 9  # if most of them are late, packets are missing; a single one may be late
+# quantile of a signal's squared changes, which selects the fastest motion
+FAST_MOTION_QUANTILE = 0.9
+# Packets are missing if most of this number in a row are late; a single one may be late.
+LASTING_BUNCHES = 9
 STALE_JUMP_QUANTA = 4.0  # a repeated reading is stale if the next differs by more
 
 
@@ -31,14 +31,15 @@ def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
 
     Bunches of times are packets if the signal changes as much between the rows of a bunch as from
     one bunch to the next. Otherwise the rows were sampled in bunches, and stay as they are. Also
-    return what was done, in sentences.
+    return sentences on the changes.
 
     Raises
     ------
     InvalidArgumentError
-        If the signal does not show which it is, or packets are missing.
+        If the signal does not show which case it is, or packets are missing.
     """
-    time, said = log.time.copy(), []
+    time = log.time.copy()
+    said = []
     for index, rows in enumerate(log.blocks):
         for found in bunches_of(log.time[rows]):
             name = f"{log.name(index)}, rows {rows.start + found.first + 1} to "
@@ -60,13 +61,14 @@ def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
 
 
 def _arrived(found: Bunches, time: Floats, gyro: Floats, name: str) -> bool:
-    """Return whether bunches are of arrivals, not of readings.
+    """Return whether bunches come from arrivals of packets, not from sampling.
 
-    The change over a whole bunch and its wait is as large in either case. It has to exceed that
-    from row to row by the more, the fewer bunches there are.
+    The change over a whole bunch and its wait is as large in either case. It must exceed the change
+    from row to row by a ratio that is larger for fewer bunches.
     """
     own = slice(found.first, found.last + 1)
-    signal, size = gyro[own], (found.last + 1 - found.first) / len(found.starts)
+    signal = gyro[own]
+    size = (found.last + 1 - found.first) / len(found.starts)
     changes = (np.diff(signal, axis=0) ** 2).sum(axis=1)
     waits = np.zeros(len(changes), dtype=np.bool_)
     waits[found.starts[1:] - found.first - 1] = True
@@ -87,13 +89,13 @@ def _arrived(found: Bunches, time: Floats, gyro: Floats, name: str) -> bool:
 
 
 def _even(found: Bunches, time: Floats) -> Floats | None:
-    """Return even times of the rows in bunches, or None if these are not from an even clock.
+    """Return even times of the rows in bunches, or None if no even clock explains the bunches.
 
     The last row of a bunch was sampled when the bunch arrived, up to a constant delay.
     """
     arrived = time[found.starts] - time[found.first]
     ends = np.append(found.starts[1:] - 1, found.last) - found.first
-    pace, begun = np.polyfit(ends[:-1], arrived[:-1], 1)  # the last may be incomplete
+    pace, begun = np.polyfit(ends[:-1], arrived[:-1], 1)  # the last bunch may be incomplete
     late = arrived[:-1] - (begun + pace * ends[:-1])
     some = min(LASTING_BUNCHES, len(late))
     lasting = np.median(np.lib.stride_tricks.sliding_window_view(late, some), axis=1)
@@ -108,15 +110,15 @@ def _even(found: Bunches, time: Floats) -> Floats | None:
 class NewReadings(NamedTuple):
     """The rows of a trial that have a new reading."""
 
-    rows: NDArray[np.intp]  #: Of the log.
-    repeated: int  #: The number of the other rows.
+    rows: NDArray[np.intp]  #: Rows of the log.
+    repeated: int  #: The number of rows left out.
 
 
 def new_readings(log: SwimLog, index: int) -> NewReadings:
     """Return the rows of a trial without those in which a driver repeats its last reading.
 
-    A moving gyroscope's three rates do not stay the same, up to its resolution, and then jump.
-    Rows at rest, before the trial's first motion or without a command, may be equal.
+    The three rates of a moving gyroscope do not first stay equal, up to its resolution, and then
+    jump. Rows at rest, before the trial's first motion or without a command, may be equal.
 
     Raises
     ------
@@ -124,7 +126,8 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
         If the reading is repeated for more than 0.25 s while a servo moves.
     """
     block = log.blocks[index]
-    gyro, rows = log.gyro[block], np.arange(block.start, block.stop)
+    gyro = log.gyro[block]
+    rows = np.arange(block.start, block.stop)
     steps = np.abs(np.diff(gyro, axis=0))
     same = (steps == 0.0).all(axis=1)
     quantum = np.where(steps > 0.0, steps, np.inf).min(axis=0)
@@ -133,7 +136,8 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
     still = (log.commands[block][starts] == 0.0).all(axis=1) | (starts == 0)
     moving = (lengths[:-1] > 1) & ~still[:-1]
     jumps = (np.abs(gyro[starts[1:]] - gyro[starts[:-1]]) > STALE_JUMP_QUANTA * quantum).any(axis=1)
-    if 2 * (moving & jumps).sum() <= moving.sum():  # none, or the gyroscope's resolution
+    # no repeated readings, or only the gyroscope's resolution
+    if 2 * (moving & jumps).sum() <= moving.sum():
         return NewReadings(rows, 0)
     longest = int(lengths[:-1][moving & jumps].max())
     kept = np.append(True, ~same) | np.repeat(still & (lengths > longest), lengths)

@@ -6,21 +6,21 @@ from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from eea.core.angles import Floats
 from eea.core.result import Result
 
-STATED_MASS = 0.9  # of the intervals that are shown
-DIFFERENCE_MASS = 0.99  # of the intervals that decide whether a size differs
+STATED_MASS = 0.9  # probability of the shown intervals
+DIFFERENCE_MASS = 0.99  # probability of the intervals that decide whether a size differs
 LEAST_CHANGE = 0.05  # of a size
 WIDEST_STATED_INTERVAL = 0.5  # of a size: with a wider interval nothing is said of it
 
 
 def statement(result: Result) -> list[str]:
-    """Return a result in lines: the verdict first, what broke last."""
+    """Return a result in lines, from the verdict to the sentence on the damage."""
     if not result.rounds:
         return ["no round was completed"]
     return [*verdict_lines(result), *size_table(result), *belief_lines(result), *end_lines(result)]
 
 
 def verdict_lines(result: Result) -> list[str]:
-    """Return whether a body explains the trials, and what the sizes are worth if none does."""
+    """Return sentences on whether a body explains the trials, and on the sizes if none does."""
     belief = result.belief
     if belief is None:
         return []
@@ -83,7 +83,7 @@ def belief_lines(result: Result) -> list[str]:
 
 
 def end_lines(result: Result) -> list[str]:
-    """Return the last sentence: what broke, or what may be wrong with the log."""
+    """Return the last sentence: the damage, or possible mistakes of the log."""
     if not _explained(result):
         check = getattr(result, "check", None)
         return [] if check is None else [str(check)]
@@ -91,7 +91,7 @@ def end_lines(result: Result) -> list[str]:
 
 
 def what_broke(result: Result) -> str:
-    """Return a sentence that compares an explained body with the undamaged fish."""
+    """Return a sentence that compares an inferred body with the undamaged fish."""
     best = result.belief.branches[0]
     robot = result.belief.robot
     clauses = []
@@ -125,7 +125,7 @@ def what_broke(result: Result) -> str:
 
 
 def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> float | None:
-    """Return a size as a share of the undamaged one; None if it may well be the same."""
+    """Return a size as a share of the undamaged size; None if the size may be unchanged."""
     same = low[i] <= whole[i] <= high[i]
     if (
         same

@@ -1,4 +1,4 @@
-"""A recorded swim, times, gyroscope readings and executed commands, and its file."""
+"""A recorded swim (times, gyroscope readings, executed commands), and its file."""
 
 from __future__ import annotations
 
@@ -31,34 +31,34 @@ from eea.core.behavior import Log, gyro_samples
 from eea.fish.bunches import bunches_of
 
 GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
-LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # of a table; "trial" may follow
+LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # columns of the file; "trial" may follow
 TRIAL_COLUMN = "trial"
-FASTEST_SPIN = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster than 4.3
-#: s between two rows of a trial. The commands between them are known, so the simulation is exact
-#: there: rows need not follow the swim, only outnumber what is unknown. An environment's action
-#: lasts 0.2 s; in a gap that misses rows the servos may have done anything.
+FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned faster than 4.3
+#: s between two rows of a trial. The commands between rows are known, so rows only need to
+#: outnumber the unknowns. An environment's action lasts 0.2 s; in a longer gap rows are missing,
+#: and the commands are unknown.
 LONGEST_GAP_SECONDS = 0.25
-#: Units of time that a logger may write, s, and the least time between two rows in them.
+#: Units of time that a logger may write, s; and the least step between rows in them, s.
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 SHORTEST_TIME_STEP = 5e-4
-FEWEST_SAMPLES = 16  # samples of a trial: 48 numbers for some 30 unknowns
-MAXIMUM_LOG_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
+FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
+MAXIMUM_LOG_BYTES = 64 * 2**20  # of a file, more than an hour at 100 rows a second
 
 
 @dataclass(frozen=True, eq=False)
 class SwimLog:
-    """A recorded swim, of one trial or several.
+    """A recorded swim of one trial or several.
 
-    A row has the gyroscope's reading at its time, and the command that the servos execute from then
-    until the next row. A trial begins at its first row. A simulation of T steps of 0.01 s thus has
-    T + 1 rows: the first at rest with the first command, and one after each step.
+    A row has the gyroscope's reading at its time, and the command that the servos execute from
+    this row to the next. A trial begins at its first row. A simulation of T steps of 0.01 s thus
+    has T + 1 rows: the first at rest with the first command, and one after each step.
 
     Raises
     ------
     InvalidArgumentError
-        If a field is not as stated below; it names the row, from 1, and the column. A trial must
-        have 17 rows or more, and no gap of more than 0.25 s; rates must be possible for this fish,
-        which those in degrees/s mostly are not.
+        If a field is not as stated below; the message names the row, from 1, and the column. A
+        trial must have at least 17 rows and no gap of more than 0.25 s. Rates must be possible for
+        this fish; rates in degrees/s mostly are not.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class SwimLog:
     gyro: Floats  #: (T, 3) in rad/s about the body's axes: x right, y forward, z up.
     #: (T, 3): left and right flipper in rev/s, tail in Hz, as executed.
     commands: Floats
-    #: (T,) the number of the trial that each row is of, in blocks; one trial if not given.
+    #: (T,) number of each row's trial, in blocks of rows; one trial if not given.
     trial: NDArray[Any] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
@@ -102,13 +102,13 @@ class SwimLog:
     def of_trials(
         cls, commands: Sequence[ArrayLike], logs: Sequence[Log], moving: bool = False
     ) -> SwimLog:
-        """Return the log of trials sampled every 0.01 s, as simulated ones are.
+        """Return the log of trials that were sampled every 0.01 s, such as simulated trials.
 
         Parameters
         ----------
         commands
-            For each trial the command that it holds, (3,) in rev/s, rev/s and Hz, or a command
-            for each sample, (T, 3), executed in the 0.01 s before it.
+            For each trial a constant command (3,) in rev/s, rev/s and Hz, or a command for each
+            sample (T, 3), executed in the 0.01 s before the sample.
         logs
             As many logs with ``gyro`` (T, 3) or (1, T, 3), rad/s.
         moving
@@ -117,10 +117,11 @@ class SwimLog:
         Raises
         ------
         TargetError, InvalidArgumentError
-            If commands and logs are not equally many or long, or one is no log of this fish.
+            If commands and logs differ in number or length, or a log is not one of this fish.
         """
         flag("moving", moving)
-        commands, logs = sequence("commands", commands), sequence("logs", logs)
+        commands = sequence("commands", commands)
+        logs = sequence("logs", logs)
         if not len(commands) == len(logs) > 0:
             raise InvalidArgumentError(
                 "commands and logs must be equally many, and at least one; "
@@ -137,7 +138,8 @@ class SwimLog:
                 )
             executed = np.broadcast_to(each, samples.shape)
             rows = (
-                np.round(TIMESTEP * np.arange(len(samples) + 1), 9),  # as people write them
+                # decimals as people write them
+                np.round(TIMESTEP * np.arange(len(samples) + 1), 9),
                 np.concatenate([np.zeros((1, 3)), samples]),
                 np.concatenate([executed, executed[-1:]]),
                 np.full(len(samples) + 1, number),
@@ -161,7 +163,7 @@ class SwimLog:
         return tuple(float(np.ptp(self.time[rows])) for rows in self.blocks)
 
     def name(self, index: int) -> str:
-        """Return the name of a trial, counted from 0, by its own number."""
+        """Return the name of a trial from its index: "trial" and its number in the log."""
         row = self.blocks[integer("index", index, 0, len(self) - 1)].start
         return f"trial {self.trial[row]}"
 
@@ -204,14 +206,15 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
 def read_log(path: str | os.PathLike[str]) -> SwimLog:
     """Return the recorded swim in a CSV file.
 
-    It has the columns time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and caudal in any
-    order, and trial if there are several; others are ignored. See ``SwimLog`` for their meaning.
+    The file has the columns time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and caudal
+    in any order, and trial if there are several; others are ignored. See ``SwimLog`` for their
+    meaning.
 
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read or has no such log; the message names the file, and the row,
-        from 1, and column.
+        If the file cannot be read or holds no such log. The message names the file, the row, from
+        1, and the column.
     """
     content = read_bytes(path, "log", MAXIMUM_LOG_BYTES)
     try:
@@ -257,7 +260,7 @@ def _is_number(text: str | None) -> bool:
 def _rows(
     argument: str, value: ArrayLike, shape: tuple[int | None, ...], columns: Sequence[str]
 ) -> Floats:
-    """Return a signal as an array; the row and column of a NaN are named."""
+    """Return a signal as an array; an error names the row and column of a NaN."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "f" and fits(value.shape, shape):
         _refuse(~np.isfinite(value), value, columns, "finite")
     return finite_array(argument, value, shape)
@@ -273,7 +276,7 @@ def _refuse(wrong: NDArray[np.bool_], values: Floats, columns: Sequence[str], wa
 
 
 def _check_time(time: Floats, rows: slice, name: str) -> None:
-    """Refuse the times of one trial if they are too few, too slow, or not increasing."""
+    """Raise an InvalidArgumentError if a trial's times are too few, too slow or not increasing."""
     steps = np.diff(time[rows])
     if len(steps) < FEWEST_SAMPLES:
         raise InvalidArgumentError(
@@ -294,7 +297,8 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
     wrong = np.flatnonzero((steps <= 0.0) | (steps > LONGEST_GAP_SECONDS))
     if not len(wrong):
         return
-    row, step = rows.start + int(wrong[0]) + 2, float(steps[wrong[0]])
+    row = rows.start + int(wrong[0]) + 2
+    step = float(steps[wrong[0]])
     got = f"{shown(abs(step))} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
     hint = ""
     if bunches_of(np.maximum.accumulate(time[rows])):

@@ -35,17 +35,17 @@ class EngineTarget:
     damage
         A ``Damage`` without random parts, its text, a list of them, or None. Each trial is an
         episode: a fault with an onset of 1 s begins at 1 s of every trial, before the trial's end.
-        Without a given angle a seized servo keeps that of the first trial; a dead one starts each
-        trial at random. Every sample of the log is an observation of the sensor. The ``gap`` adds
-        to the damage.
+        Without a given angle a seized servo keeps its angle of the first trial; a dead servo starts
+        each trial at random. Every sample of the log is an observation of the sensor. The ``gap``
+        adds to the damage.
     rng
-        Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
-        the whole cycle.
+        Draws the hidden angles: the pectoral angles over the whole turn, the caudal phase over the
+        whole cycle.
     steps, engine, current, substeps
         See ``aquafish_gym.simulate``.
     gap
-        How the target's world differs from its models', which ``current`` and ``substeps``
-        describe. The hidden angles are the same for all gaps.
+        Differences of the target's world from the models' world; ``current`` and ``substeps``
+        describe the latter. The hidden angles are the same for all gaps.
 
     Raises
     ------
@@ -74,12 +74,14 @@ class EngineTarget:
         if rng is not None:
             instance("rng", rng, np.random.Generator)
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
-        self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
+        self.damage = Damage.coerce(damage)
+        whole = Morphology.coerce(morphology)
         #: The body with every fault of its fins, whenever they begin.
         self.morphology: Morphology = self.damage.body(whole)
-        self.engine: str = resolve_engine("engine", engine)  #: Never "auto".
+        self.engine: str = resolve_engine("engine", engine)  #: The engine's name, never "auto".
         self._rng = np.random.default_rng() if rng is None else rng
-        self._gap, self._steps = gap, steps
+        self._gap = gap
+        self._steps = steps
         self._substeps = substeps * gap.substeps
         world = gap.edit(Scenario.create(whole, current=current))
         check_row("current", world.current[0])
@@ -91,7 +93,7 @@ class EngineTarget:
                     "damage of a target must not be delay or hold of a servo, whose command is the "
                     f"same throughout a trial: use RealityGap(lag=...); got {self.damage}"
                 )
-        self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
+        self._simulate(np.zeros(3), np.zeros(3))  # raises for wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:
                 raise InvalidArgumentError(
@@ -106,7 +108,7 @@ class EngineTarget:
     def perform(self, command: Floats) -> ImuLog:
         """Hold a command (3,) from random fin angles; return the trial's log, with ``gyro``."""
         drawn = self._rng.uniform(-np.pi, np.pi, size=3)
-        # Noise is seeded by the angles, which stay the same whatever else is random.
+        # The angles seed the noise, because they do not depend on other random choices.
         noise, faults = (
             np.random.default_rng(np.random.SeedSequence(drawn.view(np.uint64), spawn_key=(i,)))
             for i in (1, 2)
@@ -119,7 +121,7 @@ class EngineTarget:
         return replace(log, gyro=self._observed(gyro, faults) if self.damage.faults else gyro)
 
     def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
-        # In double precision, in the compiled engine too: the target plays nature.
+        # In double precision, also in the compiled engine: the target stands for a real robot.
         return simulate_scenario(
             replace(self._scenario, fin_angles=angles[None]),
             check_commands(command),
@@ -133,8 +135,8 @@ class EngineTarget:
     def _initial_angles(self, drawn: Floats) -> Floats:
         """Return the fin angles (3,) in rad at which a trial begins.
 
-        A fin whose servo turns, or has no power, begins where it was ``drawn`` (3,); one whose
-        servo is seized at its angle, or else where it was in the first trial.
+        A fin begins at its ``drawn`` angle (3,) if its servo turns or is dead. The fin of a seized
+        servo begins at the given angle, or else at its angle of the first trial.
         """
         if self._first_angles is None:
             self._first_angles = drawn
@@ -148,7 +150,7 @@ class EngineTarget:
     def _observed(self, gyro: Floats, rng: np.random.Generator) -> Floats:
         """Return angular velocities (1, T, 3) as the damaged gyroscope records them."""
         truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
-        truth[0, GYRO_CHANNELS] = self._gap.gyro_bias  # it begins at rest
+        truth[0, GYRO_CHANNELS] = self._gap.gyro_bias  # the trial begins at rest
         truth[1:, GYRO_CHANNELS] = gyro[0]
         sensors = Sensors(1, np.float64)
         for stage in self._scenario.stages():

@@ -1,7 +1,7 @@
 """Windows of a recorded swim, which joint inference compares with simulated ones.
 
-Simulations are interpolated to the times at which the gyroscope was read. The log itself is not:
-that would correlate the noise of neighbouring samples, which looks like a wrong model.
+Simulations are interpolated to the times of the gyroscope's readings. The log itself is not
+interpolated: correlated noise of neighbouring samples would look like a wrong model.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ from eea.fish.stamps import new_readings, restamped
 from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, shown
 from eea.joint.observed import Observed
 
-#: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
+#: Samples of the commands before a window that its servos may still obey, for a lag of 0.2 s.
 LAG_SAMPLES = 20
-MAXIMUM_WINDOW_SAMPLES = {False: 1024, True: 512}  # from rest, and in motion
-MOST_WINDOWS = 8  # of swims: more tell little, slowly
+# samples of a window from rest, and of one in motion
+MAXIMUM_WINDOW_SAMPLES = {False: 1024, True: 512}
+MOST_WINDOWS = 8  # windows of a swim; more add time and little information
 CUBIC_POINTS = 4
-LONGEST_READING_SECONDS = 0.2  # between the readings that the early stages of a search compare
+LONGEST_READING_SECONDS = 0.2  # between the readings that early stages of a search compare
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """The state of a robot at the first row of its record; still water has no other that matters.
+    """The state of a robot at the first row of its record, in still water.
 
     Raises
     ------
@@ -51,9 +52,10 @@ class Start:
     """
 
     fin_angles: ArrayLike  #: (3,) left and right pectoral angle and caudal phase, rad.
-    velocity: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) relative to the water, body axes, units/s.
-    spin: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) body axes, rad/s.
-    #: (3,) what the servos executed until then, rev/s, rev/s and Hz.
+    #: (3,) velocity relative to the water, body axes, units/s.
+    velocity: ArrayLike = (0.0, 0.0, 0.0)
+    spin: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) angular velocity, body axes, rad/s.
+    #: (3,) command executed until then, rev/s, rev/s and Hz.
     command: ArrayLike = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -75,22 +77,23 @@ class Start:
 class LogWindows:
     """E windows of at most T samples of a log, to be simulated for ``steps`` steps of 0.01 s.
 
-    A window that has fewer is filled up with its last sample, without weight.
+    Shorter windows are padded with their last sample, without weight.
     """
 
     steps: int
     series: Floats  #: (E, K, 3) commands.
     spin: Floats  #: (E, 3) the gyroscope's reading just before, rad/s.
     gyro: Floats  #: (E, T, 3) the readings, rad/s.
-    interval: int  #: Samples that each command is held.
-    begun: int  #: Samples of a series before its window; if any, the robot is in mid-swim.
-    time: Floats  #: (E, T) of the readings, s after each window's beginning.
+    interval: int  #: Number of samples for which each command is held.
+    #: Number of samples of a series before its window; above 0 the robot is in mid-swim.
+    begun: int
+    time: Floats  #: (E, T) times of the readings, s after each window's beginning.
     #: (E, T), factors that give all samples the noise of one reading, 0 after a window's end; None
     #: for 1.
     weight: Floats | None
-    stride: int  #: Every how many readings show the swim, at 5 Hz.
-    ends: Floats  #: (E,) when each ends, s of swimming since the record began, over all trials.
-    remarks: tuple[str, ...]  #: The parts that are not used, in sentences.
+    stride: int  #: Early stages of a search compare every n-th reading, about 5 a second.
+    ends: Floats  #: (E,) end of each window, s of swimming since the record began, over all trials.
+    remarks: tuple[str, ...]  #: Sentences on the unused parts of the log.
     start: Start | None = None  #: The state of each trial at its first row, if it is known.
 
     @cached_property
@@ -102,13 +105,13 @@ class LogWindows:
 
     @property
     def observed(self) -> Observed:
-        """The trials of an inference, whose commands are the windows' numbers."""
+        """The trials of an inference; their commands are the windows' numbers."""
         return Observed(np.arange(len(self.gyro)), self.gyro, self.weight, self.time)
 
     def sampled(self, signal: NDArray[Any], windows: NDArray[np.intp]) -> NDArray[Any]:
         """Return simulated signals (B, K, axes) of ``windows`` (B,) at the times of the readings.
 
-        They are interpolated, unless the times are the ends of the steps.
+        Signals are interpolated, unless the times are the ends of the steps.
         """
         if self.regular:
             return signal
@@ -116,7 +119,8 @@ class LogWindows:
         for window in np.unique(windows):
             rows = np.flatnonzero(windows == window)
             first, weights = cubic_weights(self.time[window] / TIMESTEP - 1.0, signal.shape[1])
-            weights, one = weights.astype(signal.dtype)[:, :, None], signal[rows]
+            weights = weights.astype(signal.dtype)[:, :, None]
+            one = signal[rows]
             seen[rows] = sum(weights[:, k] * one[:, first + k] for k in range(CUBIC_POINTS))
         return seen
 
@@ -130,8 +134,8 @@ def log_windows(
     """Cut a log into windows, which joint inference compares.
 
     Each trial from rest, or from a known start, is a window of at most 1024 samples. A record in
-    mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only show how the
-    servos move. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
+    mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only determine the
+    servo speeds. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
     are left out, and rows that were stamped on arrival in packets are stamped evenly; see
     ``eea.fish.readings`` and ``eea.fish.stamps``.
 
@@ -142,16 +146,16 @@ def log_windows(
     moving
         Whether each trial's record begins in mid-swim, in an unknown state.
     seconds
-        Length of a window. A trial has as many windows as fit. Each has at least 16 readings, and
-        lasts as long as these take. None for the above.
+        Length of a window. A trial has as many windows as fit. Each has at least 16 readings, so it
+        may be longer. None for the lengths above.
     start
         The state in which each trial begins, if it is known.
 
     Raises
     ------
     InvalidArgumentError
-        If an argument has the wrong type, a trial is too short, no servo or reading ever moves, or
-        it is not certain when the rows were read.
+        If an argument has the wrong type, a trial is too short, no servo or reading ever changes,
+        or the times of the rows are uncertain.
     """
     instance("log", log, SwimLog)
     if flag("moving", moving) and start is not None:
@@ -235,19 +239,20 @@ def _cut(readings: GyroReadings, moving: bool, seconds: float | None) -> list[Gy
             readings[count * i : count * (i + 1)] for i in range(whole // count if moving else 1)
         ]
     found: list[GyroReadings] = []
-    first, times = 0, readings.end_times
+    first = 0
+    times = readings.end_times
     while first + FEWEST_SAMPLES <= whole:
         end = readings[first:].base_time + seconds + STEP_TIME_TOLERANCE
         stop = max(int(np.searchsorted(times, end, "right")), first + FEWEST_SAMPLES)
         if found and stop == whole and 2.0 * times[-1] - times[-2] <= end:
-            break  # one more reading would still be within
+            break  # one more reading would fit
         found.append(readings[first:stop])
         first = stop
     return found
 
 
 def _filled(parts: Sequence[Floats], last: float | None = None) -> Floats:
-    """Return arrays (T, ...) as rows of one, filled up with their last entries or a number."""
+    """Return arrays (T, ...) as rows of one array, padded with their last entries or a number."""
     longest = max(map(len, parts))
     rows = []
     for part in parts:
@@ -259,10 +264,11 @@ def _filled(parts: Sequence[Floats], last: float | None = None) -> Floats:
 def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
     """Return the command (steps, 3) in each 0.01 s from ``begin``, in s.
 
-    Where it changes within a step, it is the mean, which turns the servos equally far.
+    A step in which the command changes has the mean, which turns the servos equally far.
     """
     rows = log.blocks[trial]
-    time, commands = log.time[rows], log.commands[rows]
+    time = log.time[rows]
+    commands = log.commands[rows]
     edges = begin + TIMESTEP * np.arange(steps + 1)
     at = np.clip(np.searchsorted(time, edges + STEP_TIME_TOLERANCE, "right") - 1, 0, None)
     until = np.clip(np.searchsorted(time, edges - STEP_TIME_TOLERANCE, "right") - 1, 0, None)

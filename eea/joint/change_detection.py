@@ -7,7 +7,7 @@ the posterior's uncertainty counts as a change. For the same body
 
 with as many degrees of freedom as the window has samples, minus the hidden angles, which have no
 prior. The true number is slightly smaller, since initial states vary less than their priors. Where
-sigma was estimated from N samples, the ratio has an F distribution.
+sigma was estimated from N samples, the statistic has an F distribution.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from eea.joint.parameters import Parameters
 from eea.joint.robot import Robot
 
 FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
-LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # with 0 there would never be one
-START_COUNTS = (64, 512, 4096)  # of random starts, until one explains the window
-EXAMINED_P_VALUE = 1e-2  # a window with a greater one is not examined further
-POSE_SCANS = 6  # that share the random starts
+LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # 0 would never raise an alarm
+START_COUNTS = (64, 512, 4096)  # random starts, tried until one explains the window
+EXAMINED_P_VALUE = 1e-2  # windows with greater p-values are not examined further
+POSE_SCANS = 6  # scans that share the random starts
 
 
 class WindowTest(NamedTuple):
@@ -55,13 +55,13 @@ class ChangeDetector:
     ----------
     robot
         The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
-        have their posterior, by name.
+        take their posterior from ``belief``, by name.
     belief
         The posterior. Its most probable hypothesis is used.
     alarm
         Probability of a false alarm in each window.
     seed
-        Of the starting points.
+        Seed of the starting points.
     """
 
     def __init__(
@@ -75,7 +75,8 @@ class ChangeDetector:
         whole("seed", seed, 0)
         self.alarm = alarm
         self._rng = np.random.default_rng(seed)
-        self._sigma, self._samples = belief.sigma, belief.samples
+        self._sigma = belief.sigma
+        self._samples = belief.samples
         best = belief.branches[0]
         groups = {n.group for n in robot.nuisance_list if n.name in best.parameters.names}
         known = replace(robot, prior=best.prior())
@@ -86,7 +87,7 @@ class ChangeDetector:
     ) -> WindowTest:
         """Test one window with inputs (1, ...) and a finite signal (T, axes).
 
-        ``weight`` (T,) is that of its samples; see :class:`eea.joint.observed.Observed`.
+        ``weight`` (T,) holds the weights of its samples; see :class:`eea.joint.observed.Observed`.
         """
         signal = finite("signal", signal, (None, len(self._one.robot.channels)))
         observed = Observed(inputs, signal[None], None if weight is None else weight[None])
@@ -106,9 +107,11 @@ class ChangeDetector:
 
     def _explained(self, observed: Observed, effort: int) -> float:
         """Return the least cost found from ``effort`` random starts."""
-        one, sigma = self._one, self._sigma
+        one = self._one
+        sigma = self._sigma
         window = Regression(one, observed, sigma)
-        typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // POSE_SCANS)
+        typical = one.into_bounds(one.prior_mean[None])
+        each = -(-effort // POSE_SCANS)
         starts = [pose(window, typical, each, self._rng)[0] for _ in range(POSE_SCANS)]
         coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
         near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]

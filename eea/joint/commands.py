@@ -1,4 +1,4 @@
-"""Which command joint inference performs next: servos at the ends of their ranges."""
+"""The next command of joint inference: servos at the ends of their ranges."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def corners(actions: BitLayout, rng: np.random.Generator) -> Floats:
 
 
 def fast_command(actions: BitLayout, performed: Floats, rng: np.random.Generator) -> Floats:
-    """Return a random corner (c,) among those nearest to the fewest performed commands (E, c).
+    """Return a random one of the corners (c,) that commands (E, c) came close to least often.
 
     No corner is repeated before all have been performed.
     """

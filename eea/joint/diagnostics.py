@@ -1,4 +1,4 @@
-"""What a posterior says of the body and what it leaves open, in sentences."""
+"""Findings: sentences on what a posterior determines about the body, and what it leaves open."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from eea.joint.posterior import Posterior
 from eea.joint.problem import Hypothesis
 from eea.joint.robot import Robot
 
-DIAGNOSTIC_MASS = 0.9  # of the intervals that are judged
+DIAGNOSTIC_MASS = 0.9  # probability of the intervals that are judged
 # A part is absent if the 95% quantile of its area is below this share of the largest area.
 ABSENT_AREA_SHARE = 0.02
 # Sizes trade off above this correlation if both intervals exceed this share of their ranges.
 TRADE_OFF_CORRELATION = 0.8
 TRADE_OFF_WIDTH = 0.1
-UNINFORMATIVE_WIDTH = 0.5  # a wider interval, as a share of the range, says nothing
+UNINFORMATIVE_WIDTH = 0.5  # share of the range; wider intervals determine nothing
 LEAST_REPORTED_WEIGHT = 0.05  # less probable bodies are not reported
 LEAST_REPORTED_PROBABILITY = 0.01  # less probable hypotheses are not reported
-# In cost: hypotheses that fit alike. A missing part has three sizes fewer to fit noise with, which
-# costs less than this in 99% of cases.
+# Hypotheses whose costs differ by less fit alike. A missing part has three sizes fewer to fit noise
+# with: this raises the cost by less in 99% of cases.
 EQUAL_FIT_COST = 5.7
-BEYOND_RANGE_SDS = 4.0  # by which the best fit lies outside the range
-BOUND_DISTANCE = 1e-6  # of a range
-MODE_DRAWS = 512  # of a mode, for the place of its body
+BEYOND_RANGE_SDS = 4.0  # standard deviations from the bound to a best fit outside the range
+BOUND_DISTANCE = 1e-6  # share of a range
+MODE_DRAWS = 512  # draws of a mode that locate its body
 UNCONSTRAINED_BODY = "the data do not constrain the body: no size is determined"
 UNCONSTRAINED_REST = "the data do not constrain the rest of the body: no other size is determined"
 
@@ -54,8 +54,8 @@ class _Size(NamedTuple):
 def findings(posterior: Posterior, robot: Robot, fits: Sequence[Fit] = ()) -> list[str]:
     """Return sentences on faults, and on what is absent, ambiguous, traded off or undetermined.
 
-    ``posterior`` is that of the first of the hypotheses' ``fits``. Of an absent part nothing else
-    is said: neither its sizes nor its servo have an effect.
+    ``posterior`` belongs to the first of the hypotheses' ``fits``. An absent part has no other
+    sentence: neither its sizes nor its servo have an effect.
     """
     present: list[_Size] = []
     absences: dict[str, str] = {}
@@ -80,7 +80,8 @@ def findings(posterior: Posterior, robot: Robot, fits: Sequence[Fit] = ()) -> li
     said += _bodies(posterior, present)
     trading = set()
     for first, second in combinations(present, 2):
-        a, b = first.place, second.place
+        a = first.place
+        b = second.place
         if (
             abs(posterior.correlation[a, b]) > TRADE_OFF_CORRELATION
             and min(width[a], width[b]) > TRADE_OFF_WIDTH
@@ -132,18 +133,18 @@ def _beyond(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
 
 
 class Fit(NamedTuple):
-    """How well a hypothesis explains the data."""
+    """A hypothesis and its fit to the data."""
 
     hypothesis: Hypothesis
     probability: float
-    excess: float  #: By how much its best cost exceeds the least of all hypotheses.
+    excess: float  #: Its best cost, minus the least cost of all hypotheses.
 
 
 def faults(fits: Sequence[Fit], robot: Robot) -> list[str]:
     """Return sentences on the hypotheses that may hold instead of the nominal one.
 
-    Those about parts that fit alike differ only in the volume of their priors, and are one
-    sentence, the most probable first; so are one and the nominal hypothesis.
+    Hypotheses about parts that fit alike differ only in the volume of their priors. They share one
+    sentence, the most probable first. So do a hypothesis and the nominal one that fit alike.
     """
     nominal = [
         f for f in fits if f.hypothesis.name == robot.nominal.name and f.excess < EQUAL_FIT_COST
@@ -166,7 +167,7 @@ def faults(fits: Sequence[Fit], robot: Robot) -> list[str]:
 
 
 def _absence(posterior: Posterior, area: Sequence[_Size]) -> str | None:
-    """Return a sentence that a part is absent, if the product of two sizes is next to none."""
+    """Return a sentence that a part is absent, if the product of two sizes is nearly zero."""
     if not area:
         return None
     one, other = area
@@ -178,7 +179,7 @@ def _absence(posterior: Posterior, area: Sequence[_Size]) -> str | None:
 
 
 def _is_beyond(posterior: Posterior, index: int) -> bool:
-    """Return whether the upper bound holds the most probable mode far from its unbounded optimum.
+    """Return whether the optimum of the most probable mode lies far beyond the upper bound.
 
     With the information A and the gradient g there, that optimum lies -A^-1 g away.
     """
@@ -192,17 +193,18 @@ def _is_beyond(posterior: Posterior, index: int) -> bool:
 def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
     """Return a sentence on the bodies that explain the data, if there are several.
 
-    Modes of other angles or nuisances are one body; so are two modes whose sizes all differ by less
-    than two sd or a hundredth of the range.
+    Modes that differ only in angles or nuisances are one body. So are two modes whose sizes all
+    differ by less than two standard deviations or a hundredth of the range.
     """
     if not sizes or len(posterior.modes) == 1:
         return []
     indices = [size.place for size in sizes]
     reach = 0.01 * (posterior.high - posterior.low)[indices]
-    bodies: list[tuple[float, Floats, Floats]] = []  # weight, median, sd
+    bodies: list[tuple[float, Floats, Floats]] = []  # weight, median, standard deviation
     for place in np.argsort(-posterior.weights, kind="stable"):
         drawn = posterior.components[place].sample(MODE_DRAWS, np.random.default_rng(0))[:, indices]
-        middle, spread = np.median(drawn, axis=0), drawn.std(axis=0)
+        middle = np.median(drawn, axis=0)
+        spread = drawn.std(axis=0)
         weight = float(posterior.weights[place])
         for k, (known, there, wide) in enumerate(bodies):
             if (np.abs(middle - there) <= np.maximum(2.0 * np.maximum(spread, wide), reach)).all():

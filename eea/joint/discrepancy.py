@@ -1,4 +1,4 @@
-"""Model discrepancy: what a simulator may get wrong, as a term of the likelihood.
+"""Model discrepancy: the errors of a simulator as a term of the likelihood.
 
 A simulator differs from the robot by more than noise. The difference is not white: it scales with
 the signal, lasts for many samples, and part of it has a known shape, such as the error of the time
@@ -8,7 +8,7 @@ and A. O'Hagan, "Bayesian calibration of computer models", 2001)::
     C = sigma^2 I + share^2 s^2 R + D D^T
 
 with s the rms of f, R the correlation exp(-|t - t'| / duration) within an axis, and in the columns
-of D the known shapes, each as large as one standard deviation. They are common to all trials.
+of D the known shapes, each as large as one standard deviation. All trials share these shapes.
 
 The search minimises the white misfit, which is exact inside the model. Here the normal equations
 are solved again at its optima with C instead of sigma^2 I, to first order: one step moves each
@@ -29,17 +29,18 @@ from eea.joint.slow_errors import LEAST_EIGENVALUE_SHARE
 
 
 def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
-    """Return the modes at the optima, given that the simulator may be wrong.
+    """Return the modes at the optima under the likelihood with model discrepancy.
 
     ``best`` is the best fit of all hypotheses.
     """
     regression = optima.regression
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(optima.fits.theta)
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     axes = observed.signal.shape[2]
     bases = [observed.slow_basis(e, discrepancy.duration) for e in range(len(observed))]
-    weight: list[Floats] = []  # (T,) of each trial, of each coefficient
+    weight: list[Floats] = []  # for each trial (T,), the weights of its coefficients
     for basis, one in zip(bases, observed.simulated(best.residuals), strict=True):
         rms = np.sqrt((one**2).mean())
         weight.append((best.sigma**2 + (discrepancy.share * rms) ** 2 * basis.variances) ** -0.5)
@@ -50,14 +51,16 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         return waves.reshape(len(signals), -1)
 
     shapes = _shapes(optima, discrepancy)
-    size, count = len(parameters), shapes.shape[2]
+    size = len(parameters)
+    count = shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
     level = best.sigma / float(np.sqrt((observed.weighted**2).sum()))
-    # The factors are of good fits.
+    # The factors were measured on good fits.
     calibration = discrepancy.calibration if best.goodness.good else None
     modes = []
     for k, theta in enumerate(optima.fits.theta):
-        normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
+        normal = np.zeros((size + count, size + count))
+        gradient = np.zeros(size + count)
         normal[:size, :size] = parameters.prior_information
         normal[size:, size:] = np.eye(count)
         away = theta - parameters.prior_mean
@@ -67,12 +70,14 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
             used = entries[e] != FIXED_SLOT
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
             at = np.concatenate([entries[e, used], size + np.arange(count)])
-            columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]
+            columns = whitened(columns, e)
+            residuals = whitened(linear.residuals[k, e][None], e)[0]
             normal[at[:, None], at] += columns @ columns.T
             gradient[at] += columns @ residuals
             squares += float(residuals @ residuals)
         # The shapes' amplitudes are integrated out.
-        inner, cross = normal[size:, size:], normal[:size, size:]
+        inner = normal[size:, size:]
+        cross = normal[:size, size:]
         information = normal[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
         slope = gradient[:size] - cross @ np.linalg.solve(inner, gradient[size:])
         cost = 0.5 * squares + float(parameters.prior_cost(theta))
@@ -89,7 +94,8 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
 def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     """Return the differences of known shape (S, E, K, axes T) at the optima."""
     regression = optima.regression
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     local = parameters.local(optima.fits.theta)  # (S, E, W)
     if discrepancy.shapes is None:
         return np.empty((*local.shape[:2], 0, observed.signal[0].size))
@@ -104,7 +110,7 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
 
 
 def scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
-    """Return information and gradient with the same centre and sd times ``factors`` (P,)."""
+    """Return information and gradient of the same centre, with sds times ``factors`` (P,)."""
     information = 0.5 * (information + information.T)
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     unit = information / np.outer(scale, scale)

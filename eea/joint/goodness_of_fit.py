@@ -44,8 +44,9 @@ class Goodness:
     #: Whether ``p`` is at least the rate of false alarms, and the residuals are no louder than
     #: noise of unknown size may be.
     good: bool
-    verdict: str  #: In a sentence.
-    slow_p: float | None = None  #: The p-value of slow errors, which a simulator's are.
+    verdict: str  #: The result in a sentence.
+    #: The p-value of the test for slow errors, as simulators make them.
+    slow_p: float | None = None
     unexplained: float | None = None  #: The residuals' rms as a share of the signal's, if known.
 
 
@@ -108,7 +109,8 @@ def goodness_of_fit(
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
     excess = np.where(shares > 0.0, shares, corrected)
     peak, off = _largest(trials, floor)
-    size_p, tests = None, {}  # what is wrong -> the p-value
+    size_p = None
+    tests = {}  # complaint: p-value
     if sigma is not None:
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
         tests[f"{rms / sigma:.3g} times the noise"] = size_p
@@ -188,8 +190,8 @@ def autocorrelation(
 ) -> tuple[Floats, Floats]:
     """Return the autocorrelations (lags,) of trials' residuals (T, axes), and white noise's sd.
 
-    They are about zero, not the mean: a constant residual is an error. A trial's axis with an rms
-    up to ``floor`` is left out.
+    Deviations are from zero, not from the mean: a constant residual is an error. An axis of a trial
+    with an rms up to ``floor`` is left out.
     """
     above = np.zeros(lags)
     weight = 0.0
@@ -210,7 +212,7 @@ def autocorrelation(
 
 
 def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
-    """Return the largest residual, in its axis's rms over all trials, and as it is."""
+    """Return the largest residual, divided by its axis's rms over all trials, and in rad/s."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
     most = np.abs(samples).max(axis=0)

@@ -1,4 +1,4 @@
-"""Joint inference: from observed trials to a posterior over all that is unknown."""
+"""Joint inference: from observed trials to a posterior over all unknowns."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from eea.joint.problem import Hypothesis, Values
 from eea.joint.robot import Robot, Simulate
 from eea.joint.search import Optima, halved, improved, search
 
-ABSENT_SIZE_SHARE = 0.02  # of a range: a smaller part is hard to tell from one that does not move
-HOPELESS_LOG_EVIDENCE = 50.0  # in log evidence: hypotheses worse by this are not fitted again
+ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
+HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
 LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 
@@ -64,7 +64,7 @@ def fit(
     progress
         Called with the name of each hypothesis before it is fitted.
     doubt
-        Called with the fit as commanded if that leaves more than noise; it returns whether the
+        Called with the nominal fit if its residuals are more than noise. It returns whether the
         other hypotheses are worth fitting. None: they are.
     usual
         The misfits of known-good logs (n,), by which it is judged whether a hypothesis explains the
@@ -73,7 +73,7 @@ def fit(
     Raises
     ------
     ConfigurationError
-        If the robot has no such nuisance, or the signal is not finite or has another shape.
+        If ``config`` names an unknown nuisance, or the signal is not finite or has another shape.
     TargetError
         If no simulation stays finite.
     """
@@ -116,7 +116,7 @@ def fit(
         if any(optima.goodness.good for _, optima in others):
             break
     lowest = min((o for _, o in others), key=_least, default=plain)
-    if _least(lowest) < _least(plain):  # was it the hypothesis, or a better search?
+    if _least(lowest) < _least(plain):  # Is the hypothesis better, or only its search?
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
         alone = mixture(plain, plain)
 
@@ -142,7 +142,7 @@ def fit(
         if shares[i] > least
     )
 
-    # Leave what the fit of more trials starts from.
+    # Keep the starting points for a fit of more trials.
     optima = {**start.optima, **{h.name: o for h, o in fitted}}
     hopeless = {
         fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
@@ -194,10 +194,10 @@ def _optimize(
     plain: Optima | None,
     once: bool,
 ) -> Optima:
-    """Fit all trials under a hypothesis, also from ``earlier`` optima and those as commanded.
+    """Fit all trials under a hypothesis, also from ``earlier`` and from the nominal fit's optima.
 
-    ``once``: one scan without restarts, where no body explained the trials before. Alternatives
-    get one scan, too; later rounds halve their descents, as most alternatives are wrong.
+    ``once``: one scan without restarts, because no body explained the earlier trials. Alternatives
+    get one scan, too. Later rounds halve their descents, because most alternatives are wrong.
     """
     parameters = regression.parameters
     trials = len(regression.observed)
@@ -211,7 +211,7 @@ def _optimize(
     if plain is None:
         return search(regression, rng, config, starts, once)
     as_commanded = carried_over(plain, parameters)
-    # Where nothing explains the trials, most hypotheses are worse: they are not completed.
+    # Where no body explains the trials, the searches of worse hypotheses are not completed.
     rival = np.inf if plain.goodness.good else _least(plain)
     if starts is None:
         return search(regression, rng, config, as_commanded, rival=rival)
@@ -226,14 +226,14 @@ def _plausible(
     alone: Posterior,
     earlier: JointPosterior | None,
 ) -> list[Hypothesis]:
-    """Return the alternative hypotheses to fit, given the fit as commanded and its posterior."""
+    """Return the alternative hypotheses to fit, given the nominal fit and its posterior."""
     if config.alternatives == "never":
         return []
     start = (earlier and earlier.warm_start) or WarmStart()
     likely = [h for h in robot.alternatives if h.name not in start.dropped]
     if config.alternatives == "always" or not plain.goodness.good:
         return likely
-    # Those that were probable stay: a small fin explains a missing one nearly as well.
+    # Probable hypotheses stay: a small fin explains the trials nearly as well as a missing one.
     probable = {branch.hypothesis.name for branch in earlier.branches} if earlier else set()
     place = list(robot.parameters).index
     least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
@@ -246,13 +246,14 @@ def _plausible(
 
 
 def mixture(optima: Optima, best: Optima) -> Posterior:
-    """Return the posterior of optima at the noise that the ``best`` fit of all leaves.
+    """Return the posterior of optima, with noise estimated from the ``best`` fit of all.
 
     Where its residuals are correlated, only the effective number of samples counts.
     """
     residuals = best.residuals
     weight = effective_count(residuals) / sum(one.size for one in residuals) / best.sigma**2
-    parameters, theta = optima.regression.parameters, optima.fits.theta
+    parameters = optima.regression.parameters
+    theta = optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
     away = theta - parameters.prior_mean
     modes = []
@@ -274,9 +275,10 @@ def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
 
 
 def log_prior_constant(parameters: Parameters) -> float:
-    """Return the constant of the log prior, which differs between sets of parameters."""
+    """Return the constant of the log prior; it depends on the set of parameters."""
     informed = parameters.prior_precision > 0.0
-    low, high = parameters.low, parameters.high
+    low = parameters.low
+    high = parameters.high
     free = ~informed & ~parameters.circular  # uniform between the bounds
     information = parameters.prior_information[np.ix_(informed, informed)]
     mean = parameters.prior_mean[informed]
@@ -292,8 +294,8 @@ def log_prior_constant(parameters: Parameters) -> float:
 def carried_over(earlier: Optima, parameters: Parameters) -> Floats:
     """Return optima of fewer trials or of another hypothesis as vectors (K, P).
 
-    What a hypothesis fixes stays fixed. An angle common to all trials takes that of the first
-    trial, and the trials' own angles take a common one.
+    Fixed parameters stay fixed. An angle common to all trials takes its value of the first trial;
+    angles of single trials take the common value.
     """
     theta: Floats = np.tile(parameters.prior_mean, (len(earlier.fits.theta), 1))
     column = {name: i for i, name in enumerate(earlier.regression.parameters.names)}

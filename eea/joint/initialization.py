@@ -1,8 +1,8 @@
 """Starting points of descents: random bodies and poses, and jumps between valleys.
 
-A descent ends in the valley in which it begins. A trial's angles have several, as a slow fin on the
-other side of its cycle moves almost alike. A lag has one at each sample: the robot starts with a
-jerk that a sample either contains or not.
+A descent ends in the valley in which it begins. A trial's angles have several valleys: a slow fin
+on the other side of its cycle moves almost alike. A lag has one valley for each sample: the robot
+starts with a jerk that a sample either contains or not.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from eea.joint.least_squares import COARSE, Precision, Regression, descend
 from eea.joint.parameters import Parameters
 
 EVERY_FOURTH_SAMPLE = Precision(fine=False, stride=4, difference=0.0)
-EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # a jerk is in one sample
-SCANNED_TRIALS = 4  # that rank the bodies
-SHARED_VALUES = 16  # tried for an angle that all trials share
+EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # the jerk is in one sample
+SCANNED_TRIALS = 4  # trials that rank the bodies
+SHARED_VALUES = 16  # values tried for an angle that all trials share
 HOP_STARTS = 32
 HOP_MODES = 4
 HOP_COST = 20.0
@@ -27,8 +27,9 @@ HOP_FITS = 16
 
 def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Floats:
     """Return the most promising of random bodies, as vectors (descents, P)."""
-    parameters, observed = regression.parameters, regression.observed
-    freed = parameters.freed_entries()  # a descent would not get far from the nominal value
+    parameters = regression.parameters
+    observed = regression.observed
+    freed = parameters.freed_entries()  # descents stay near a nominal value
     drawn = latin_hypercube(effort.bodies, parameters.body + len(freed), rng)
     theta = parameters.typical(drawn[:, : parameters.body])
     theta[:, freed] = drawn[:, parameters.body :]
@@ -77,15 +78,17 @@ def pose(
 ) -> tuple[Floats, Floats]:
     """Return vectors (S, P) with the best of ``count`` random initial states of each trial.
 
-    Also return their sums of squares (S,), of the ``trials`` that are posed: all by default.
+    Also return their sums of squares (S,) over the posed ``trials``, by default all.
     """
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     trials = range(len(observed)) if trials is None else trials
     misfit = regression.misfit(EVERY_FOURTH_SAMPLE)
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
     groups = SHARED_VALUES if common.any() else 1
-    local, width = parameters.local(theta), parameters.slots.shape[1]
+    local = parameters.local(theta)
+    width = parameters.slots.shape[1]
     starts = parameters.start_slots()
     slots = np.concatenate([starts, np.arange(width - len(angles), width)])
     if not len(slots):  # the initial state is known
@@ -108,7 +111,8 @@ def pose(
         at = sums.argmin(axis=2)
         total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
         chosen[:, :, column] = tried[np.arange(groups), at]
-    group, pick = total.argmin(axis=1), np.arange(len(theta))
+    group = total.argmin(axis=1)
+    pick = np.arange(len(theta))
     posed = theta.copy()
     for column, e in enumerate(trials):
         posed[:, parameters.slots[e, slots]] = chosen[pick, group, column]
@@ -121,8 +125,9 @@ def _drawn(
     shape: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Floats:
-    """Return draws (*shape, len(entries)) from the prior of entries other than angles."""
-    mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
+    """Return draws (*shape, len(entries)) from the prior of entries that are not angles."""
+    mean = parameters.prior_mean[entries]
+    precision = parameters.prior_precision[entries]
     informed = precision > 0.0
     normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
         np.where(informed, precision, 1.0)
@@ -132,8 +137,9 @@ def _drawn(
 
 
 def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Generator) -> Floats:
-    """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
-    parameters, observed = regression.parameters, regression.observed
+    """Return copies (H, P) of a vector (P,), each with one trial's angles in another valley."""
+    parameters = regression.parameters
+    observed = regression.observed
     hidden = len(parameters.angle_entries(0))
     others: list[tuple[float, Floats]] = []
     for e in range(len(observed) if hidden else 0):
@@ -169,9 +175,9 @@ def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Gene
 
 
 def relined(regression: Regression, theta: Floats, sigma: float, each: int) -> Floats:
-    """Return vectors (H, P) like those given (S, P), but in another valley of a nuisance.
+    """Return copies (H, P) of vectors (S, P), each in another valley of a nuisance.
 
-    For each vector and each nuisance with ``valleys`` they are the best ``each`` ones.
+    The copies are the best ``each`` for every vector and every nuisance with ``valleys``.
     """
     parameters = regression.parameters
     found = [np.empty((0, len(parameters)))]
@@ -190,7 +196,8 @@ def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats
     for entry, tried in _lined(regression.parameters):
         line, costs = _along(regression, theta, sigma, entry, tried)
         at = costs.argmin(axis=1)
-        theta, cost = line[pick, at], costs[pick, at]
+        theta = line[pick, at]
+        cost = costs[pick, at]
     return theta, cost
 
 
@@ -204,7 +211,7 @@ def _lined(parameters: Parameters) -> list[tuple[int, Floats]]:
 def _along(
     regression: Regression, theta: Floats, sigma: float, entry: int, tried: Floats
 ) -> tuple[Floats, Floats]:
-    """Return vectors (S, 1 + V, P), as given and with an entry's ``tried`` values, and costs."""
+    """Return vectors (S, 1 + V, P), as given and with V ``tried`` values of an entry, and costs."""
     line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
     line[:, 1:, entry] = tried
     flat = line.reshape(-1, theta.shape[1])

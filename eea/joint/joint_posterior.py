@@ -1,4 +1,4 @@
-"""The posterior after some trials: hypotheses, each with a posterior over all unknowns."""
+"""The joint posterior: hypotheses, each with a posterior over all unknowns."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ from eea.joint.search import Optima
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
-LEAST_SD = 1e-6  # of a range, in a prior
+LEAST_SD = 1e-6  # share of a range, in a prior
 
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """What one fit leaves for the next, of more trials."""
+    """Warm start: results of one fit that the fit of more trials starts from."""
 
-    optima: Mapping[str, Optima] = field(default_factory=dict)  #: By hypothesis, of any fit so far.
+    #: Optima of all fits so far, by hypothesis.
+    optima: Mapping[str, Optima] = field(default_factory=dict)
     dropped: frozenset[str] = frozenset()  #: Hypotheses that are not fitted again.
-    explained: bool = True  #: Whether the fit as commanded left nothing but noise.
+    explained: bool = True  #: Whether the nominal fit left nothing but noise.
     robots: int = 0  #: Number of trials that the fit simulated.
 
 
@@ -44,13 +45,13 @@ class HypothesisPosterior:
     hypothesis: Hypothesis
     probability: float
     parameters: Parameters
-    posterior: Posterior  #: Inside the model: if the simulator is right.
-    doubted: Posterior  #: If it may be as wrong as the problem's ``discrepancy`` says.
+    posterior: Posterior  #: The posterior if the simulator is right.
+    doubted: Posterior  #: The posterior with the problem's ``discrepancy``.
 
     def prior(self) -> Prior:
         """Return what is known of the body and the nuisances common to all trials.
 
-        Angles may have changed since, even that of a seized servo.
+        Angles are left out: they may have changed since, even that of a seized servo.
         """
         names = self.parameters.names
         entries = [
@@ -65,17 +66,17 @@ class HypothesisPosterior:
 class JointPosterior:
     """A posterior over bodies, nuisances, angles and hypotheses.
 
-    Samples and intervals are of all hypotheses, in proportion to their probabilities, and count
-    that the simulator may be wrong. The median body, the probabilities and the findings are those
-    inside the model: what explains the trials best in this simulator.
+    Samples and intervals mix all hypotheses, in proportion to their probabilities, and include
+    model discrepancy. The median body, the probabilities and the findings assume that the
+    simulator is right.
     """
 
-    branches: tuple[HypothesisPosterior, ...]  #: The most probable first.
-    #: Of the best fit. If it is not good, no interval can be trusted: reports and files have none.
+    branches: tuple[HypothesisPosterior, ...]  #: Fits of the hypotheses, the most probable first.
+    #: Goodness of the best fit. If it is not good, reports and files have no intervals.
     goodness: Goodness
     sigma: float  #: Standard deviation of the noise, in the signal's units, given or estimated.
-    samples: int  #: Number of samples that ``sigma`` was estimated from; 0 if it was given.
-    #: For the next fit; None of a posterior that was read from a file.
+    samples: int  #: Number of samples behind the estimate ``sigma``; 0 if it was given.
+    #: Warm start of the next fit; None for a posterior from a file.
     warm_start: WarmStart | None = field(default=None, repr=False)
     #: Of each channel, of which ``sigma`` is a multiple; None where all have the same.
     noise: Noise | None = None
@@ -95,7 +96,7 @@ class JointPosterior:
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` bodies (count, n) drawn from the posterior, in natural units.
 
-        They are for other searches, so each size is given to 1e-4 of its range.
+        They are input of other searches, so each size is rounded to 1e-4 of its range.
         """
         whole("count", count, 1, MAXIMUM_SAMPLES)
         instance("rng", rng, np.random.Generator)
@@ -146,8 +147,8 @@ class JointPosterior:
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's interval, which holds the median body.
 
-        See ``eea.joint.posterior.intervals``. They assume that some body explains the trials, which
-        ``good`` says.
+        See ``eea.joint.posterior.intervals``. They are valid if some body explains the trials:
+        check ``good``.
         """
         robot = self.robot
         straight = np.zeros(len(robot.parameters), dtype=np.bool_)
@@ -197,7 +198,10 @@ class JointPosterior:
         return dict(zip(best.parameters.names, rows, strict=True))
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (h,) of a trial's hidden angles' intervals, rad; trials count from 0."""
+        """Return the ends (h,) of the intervals of a trial's hidden angles, rad.
+
+        The first trial is 0.
+        """
         best = self.branches[0].parameters
         table = self.table(mass)
         rows = [table[best.names[entry]] for entry in best.angle_entries(trial)]
@@ -210,12 +214,12 @@ class JointPosterior:
 
     @property
     def verdict(self) -> str:
-        """The same in a sentence, with the reason."""
+        """A sentence on whether the best fit is good, with the reason."""
         return self.goodness.verdict
 
     @property
     def findings(self) -> list[str]:
-        """What a person should know, in sentences: most important first."""
+        """The findings in sentences, most important first."""
         best = self.branches[0]
         nominal = self.robot.nominal.name
         if self.goodness.good and not self.robot.parts:
@@ -241,7 +245,8 @@ class JointPosterior:
         """
         modes = {}
         for branch in self.branches:
-            parameters, posterior = branch.parameters, branch.posterior
+            parameters = branch.parameters
+            posterior = branch.posterior
             theta = parameters.into_bounds(np.array([mode.theta for mode in posterior.modes]))
             modes[branch.hypothesis.name] = {
                 "names": list(parameters.names),

@@ -1,11 +1,11 @@
-"""Bounded Levenberg-Marquardt least squares for many starting points, one batch an iteration.
+"""Bounded Levenberg-Marquardt least squares from many starting points, one batch an iteration.
 
 The cost of a vector theta is -log posterior up to a constant, for white noise of standard deviation
 sigma::
 
     cost = sum over trials, samples and axes of r^2 / (2 sigma^2) + prior cost
 
-Derivatives are forward differences. A trial's own angles affect that trial alone, so a trial needs
+Derivatives are forward differences. A trial's own angles affect no other trial, so a trial needs
 a column for each of its slots, not for each parameter.
 
 With little information valleys are long, narrow and curved. In double precision a step v therefore
@@ -30,19 +30,19 @@ from eea.core.angles import Floats
 from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED_SLOT, Parameters
 
-LEAST_DIAGONAL_SHARE = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
-DAMPING_FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
+LEAST_DIAGONAL_SHARE = 1e-6  # least entry of Marquardt's diagonal, divided by the greatest
+DAMPING_FACTORS = (0.1, 1.0, 10.0)  # all are tried in one batch
 FAILURE_DAMPING_FACTOR = 30.0
 FIRST_DAMPING = 1e-2
 LEAST_DAMPING = 1e-12
 MOST_DAMPING = 1e10
-LARGEST_SHARE = 0.3  # of a range, in a step
-LARGEST_TURN = 0.7  # rad, in a step
-LOOK_AHEAD = 0.1  # h, of a step
-MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
-SMALL_DECREASES = 2  # in a row end a descent
-MOST_ROBOTS = 2**15  # in a batch, which limits memory
-LEAST_RELATIVE_SIGMA = 3e-7  # of the signal's rms: smaller residuals are rounding
+LARGEST_SHARE = 0.3  # of a range, in one step
+LARGEST_TURN = 0.7  # rad, in one step
+LOOK_AHEAD = 0.1  # h above, as a share of the step
+MOST_BEND = 0.75  # of 2 |a| / |v|; above it the acceleration is ignored
+SMALL_DECREASES = 2  # this number in a row ends a descent
+MOST_ROBOTS = 2**15  # in a batch, to limit memory
+LEAST_RELATIVE_SIGMA = 3e-7  # share of the signal's rms; smaller residuals are rounding errors
 
 
 class Precision(NamedTuple):
@@ -72,10 +72,10 @@ class Fitted(NamedTuple):
 class Linear(NamedTuple):
     """The linearisation at S vectors."""
 
-    gradient: Floats  #: Of half the sum of squared residuals, (S, P).
+    gradient: Floats  #: Gradient of half the sum of squared residuals, (S, P).
     normal: Floats  #: Gauss and Newton's matrix J^T J, (S, P, P).
     residuals: Floats  #: (S, E, M).
-    slopes: Floats  #: Their derivatives (S, E, F, M) by the free slots.
+    slopes: Floats  #: Derivatives of the residuals by the free slots, (S, E, F, M).
 
 
 class Misfit:
@@ -109,7 +109,7 @@ class Misfit:
 
     @property
     def count(self) -> int:
-        """Number of samples that are compared, of all trials and axes."""
+        """Number of compared samples in all trials and axes."""
         return self._observed.sampled(self._trials.tolist(), self.precision.stride)
 
     def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
@@ -149,7 +149,8 @@ class Misfit:
 
         The derivatives of a robot that diverged are zero.
         """
-        parameters, free = self.parameters, self.free
+        parameters = self.parameters
+        free = self.free
         local = parameters.local(theta)[:, self._trials]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
         high = np.where(entries == FIXED_SLOT, np.inf, parameters.high[entries])
@@ -174,7 +175,7 @@ class Misfit:
         return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
 
     def _pull(self, slopes: Floats, signal: Floats) -> Floats:
-        """Return J^T (S, P) of slopes (S, E, F, M) times a signal (S, E, M)."""
+        """Return J^T times a signal (S, E, M), as (S, P), from slopes (S, E, F, M)."""
         finite = np.where(np.isfinite(signal), signal, 0.0)
         pulls = np.einsum("sefm,sem->sef", slopes, finite)
         pulled = np.zeros((len(slopes), len(self.parameters)))
@@ -184,7 +185,7 @@ class Misfit:
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
-        """Return J^T r'' (S, P) of steps (S, P) from vectors (S, P)."""
+        """Return J^T r'' (S, P) for steps (S, P) from vectors (S, P)."""
         entries = self.parameters.slots[self._trials][:, self.free]
         taken = np.where(entries == FIXED_SLOT, 0.0, step[:, entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
@@ -227,12 +228,12 @@ class Regression:
         return LEAST_RELATIVE_SIGMA * self.rms
 
     def sigma(self, squares: float, count: int) -> float:
-        """Return the noise's standard deviation for the squares of ``count`` residuals."""
+        """Return the noise's standard deviation, from the sum of squares of ``count`` residuals."""
         freedom = max(count - self.parameters.unknowns, 1)
         return self.noise or max(float(np.sqrt(squares / freedom)), self.least_sigma)
 
     def sigma_near(self, misfit: Misfit, theta: Floats) -> float:
-        """Return the noise's standard deviation, by default that which the best vector leaves."""
+        """Return the noise's standard deviation: as given, or from the best vector's residuals."""
         return self.noise or self.sigma(misfit.squares(theta).min(), misfit.count)
 
 
@@ -241,9 +242,10 @@ def descend(
 ) -> Fitted:
     """Descend from vectors (S, P), each until it gains less than ``tolerance`` of its cost.
 
-    ``sigma`` is the standard deviation of the noise, which weighs the signal against the prior.
+    ``sigma``, the standard deviation of the noise, weighs the signal against the prior.
     """
-    parameters, per_square = misfit.parameters, 0.5 / sigma**2
+    parameters = misfit.parameters
+    per_square = 0.5 / sigma**2
     theta = parameters.into_bounds(theta)
     squares = misfit.squares(theta)
     cost = per_square * squares + parameters.prior_cost(theta)

@@ -76,8 +76,9 @@ class Noise(NamedTuple):
 class SlowBasis(NamedTuple):
     """A basis in which slow errors of one trial are independent."""
 
-    variances: Floats  #: (T,), of errors of variance 1 that are correlated by exp(-|t - t'| / d).
-    vectors: Floats | None  #: (T, T), in columns; None for the cosine transform.
+    #: (T,), variances of the coefficients, for errors correlated by exp(-|t - t'| / d).
+    variances: Floats
+    vectors: Floats | None  #: (T, T), its columns are the basis; None for the cosine transform.
 
     def transform(self, signals: Floats, axes: int) -> Floats:
         """Return the coefficients (n, axes, T) of signals (n, axes times at least T)."""
@@ -128,7 +129,7 @@ class Observed:
     #: (E, T) or (E, T, axes), factors that give all samples the noise of one reading; 0 where there
     #: is no sample. None for 1.
     weight: Floats | None = None
-    #: (E, T) of the samples, in the unit of a discrepancy's duration; None for 1, 2, ...
+    #: (E, T), times of the samples in the unit of a discrepancy's duration; None for 1, 2, ...
     time: Floats | None = None
     noise: Noise | None = None  #: Of each channel; None where all have the same, white noise.
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
@@ -263,7 +264,7 @@ class Observed:
     def slow_basis(self, trial: int, duration: float) -> SlowBasis:
         """Return the basis for errors of a trial that are correlated by exp(-|t - t'| / duration).
 
-        That of evenly sampled errors is nearly the cosine transform.
+        For evenly sampled errors it is nearly the cosine transform.
         """
         key = trial, duration
         if key not in self._bases:

@@ -13,8 +13,8 @@ from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis
 from eea.joint.robot import Robot
 
-FIXED_SLOT = -1  # in ``slots``: a constant instead of a parameter
-# The prior's precision of a dimension that a hypothesis fixes. The dimension stays an entry.
+FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
+# Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
 
 
@@ -32,12 +32,12 @@ class Parameters:
     low: Floats  #: Lower bounds (P,); infinite for angles.
     high: Floats  #: Upper bounds (P,).
     circular: NDArray[np.bool_]  #: Whether each entry (P,) is an angle.
-    prior_mean: Floats  #: Of the normal prior (P,).
-    prior_information: Floats  #: (P, P), its inverse covariance; 0 is uniform.
+    prior_mean: Floats  #: Mean of the normal prior (P,).
+    prior_information: Floats  #: Inverse covariance of the prior (P, P); 0 is uniform.
     slots: NDArray[
         np.intp
-    ]  #: (E, W) the entry whose value each trial's slot takes, or ``FIXED_SLOT``.
-    _places: NDArray[np.intp]  # (P,) the slot that takes each entry
+    ]  #: (E, W), the entry that gives each slot of a trial its value, or ``FIXED_SLOT``.
+    _places: NDArray[np.intp]  # (P,), the slot of each entry
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
     _span: Floats
@@ -63,7 +63,7 @@ class Parameters:
         low = np.concatenate([robot.low, [n.low for n in nuisances], angles])
         span = np.concatenate([robot.span, [n.high - n.low for n in nuisances], angles + 1.0])
         constants = np.zeros(len(low))
-        # Of all trials, and of each: name, slot, prior mean and precision.
+        # Entries common to all trials, and entries of each: name, slot, prior mean and precision.
         shared: list[tuple[str, int, float, float]] = []
         own: list[tuple[str, int, float, float]] = []
         for i, name in enumerate(robot.parameters):

@@ -1,4 +1,4 @@
-"""Whether a posterior makes sense: what a fit can never find is a damaged or a foreign file."""
+"""Checks of a posterior from a file: values that no fit can return mean a damaged file."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from eea.joint.posterior import Mode
 
 LEAST_SIGMA = 1e-15  # rad/s
 MOST_SIGMA = 1e3  # rad/s
-ROUNDING_TOLERANCE = 1e-6  # of a range, rad, or a share
+ROUNDING_TOLERANCE = 1e-6  # in shares of a range, rad, or probability
 MOST_INFORMATION = 1e30  # 1/range^2 or 1/rad^2; a size that a hypothesis fixes has 1e12
 MOST_COST = 1e15
-OMITTED_PROBABILITY = 0.01  # probability of all hypotheses that are less probable than 1e-4
+OMITTED_PROBABILITY = 0.01  # of all hypotheses together that are less probable than 1e-4
 
 
 def check_posterior(belief: JointPosterior) -> None:
-    """Raise a ConfigurationError if a posterior is none that a fit can find.
+    """Raise a ConfigurationError if no fit can return a posterior.
 
     Optima lie in the ranges, informations are symmetric without negative eigenvalues,
     probabilities sum to 1, and all numbers are finite and of a plausible size.
@@ -41,7 +41,7 @@ def check_posterior(belief: JointPosterior) -> None:
 
 
 def check_mode(mode: Mode, parameters: Parameters) -> None:
-    """Raise a ConfigurationError if a mode is outside of the ranges, or no normal distribution."""
+    """Raise a ConfigurationError if a mode is out of range or no normal distribution."""
     size = len(parameters)
     low = np.where(parameters.circular, -np.pi, parameters.low)
     high = np.where(parameters.circular, np.pi, parameters.high)
@@ -75,7 +75,7 @@ def check_mode(mode: Mode, parameters: Parameters) -> None:
 
 
 def _check_goodness(goodness: Goodness) -> None:
-    """Refuse a goodness of fit whose numbers are no probabilities."""
+    """Raise a ConfigurationError if numbers of a goodness of fit are not probabilities."""
     flag("its good", goodness.good)
     real("its rms", goodness.rms, 0.0)
     for name in ("size_p", "whiteness_p", "peak_p", "p", "slow_p"):

@@ -14,12 +14,11 @@ from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
 from eea.joint.truncated_normal import BoxNormal
 
-SUMMARY_DRAWS = 4096  # for summaries: a 5% quantile is then one of 4.3 to 5.7%
+SUMMARY_DRAWS = 4096  # a 5% quantile is then between the 4.3% and the 5.7% quantile
 #: Two equal normal densities have two peaks only if their centres are more than two sd apart.
 PEAK_DISTANCE_SDS = 2.0
-ONE_SIDED_DENSITY_RATIO = (
-    1.25  # ratio of the densities at a bound and at the far end, above which it is one-sided
-)
+# An interval is one-sided above this ratio of the densities at a bound and at the far end.
+ONE_SIDED_DENSITY_RATIO = 1.25
 
 
 class Mode(NamedTuple):
@@ -69,11 +68,11 @@ class Posterior:
     array([0.1, 0.9])
     """
 
-    names: tuple[str, ...]  #: Of the P parameters.
-    low: Floats  #: (P,); -pi where circular, whatever is given.
-    high: Floats  #: (P,); pi where circular.
-    circular: NDArray[np.bool_]  #: (P,)
-    modes: Sequence[Mode]  #: Without duplicates, best first.
+    names: tuple[str, ...]  #: Names of the P parameters.
+    low: Floats  #: Lower bounds (P,); -pi where circular.
+    high: Floats  #: Upper bounds (P,); pi where circular.
+    circular: NDArray[np.bool_]  #: Whether a parameter is an angle (P,).
+    modes: Sequence[Mode]  #: The modes without duplicates, best first.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "low", np.where(self.circular, -np.pi, self.low))
@@ -140,9 +139,10 @@ class Posterior:
 
     @cached_property
     def correlation(self) -> Floats:
-        """The correlations, (P, P); an angle's of its deviations from the circular mean."""
+        """The correlations (P, P), for an angle of its deviations from the circular mean."""
         draws = self.draws
-        turned, moved = wrap(draws - self._mean_angles), draws - draws.mean(axis=0)
+        turned = wrap(draws - self._mean_angles)
+        moved = draws - draws.mean(axis=0)
         deviations = np.where(self.circular, turned, moved)
         sd = np.sqrt(np.mean(deviations**2, axis=0))
         scaled = deviations / np.maximum(sd, 1e-300)
@@ -160,11 +160,11 @@ def intervals(
 ) -> tuple[Floats, Floats]:
     """Return the ends (P,) of intervals that each hold a share ``mass`` of the draws (S, P).
 
-    They are equal-tailed, which does not depend on the unit. But an equal-tailed interval never
-    reaches a bound, and so never holds a missing fin: where the density is higher at a bound than
-    at the far end of the 90% that begin there, the interval begins at the bound. A wider interval
-    includes a narrower one, and all hold the median. An angle's is the shortest arc, from low in
-    [-pi, pi) to high, which may exceed pi.
+    Intervals are equal-tailed, so they do not depend on the unit. But an equal-tailed interval
+    never reaches a bound, and so never holds a missing fin. Where the density is higher at a bound
+    than at the far end of the 90% that begin there, the interval therefore begins at the bound. A
+    wider interval includes a narrower one, and all hold the median. The interval of an angle is
+    the shortest arc, from low in [-pi, pi) to high, which may exceed pi.
 
     Raises
     ------
@@ -176,15 +176,16 @@ def intervals(
     one, two, near, start, end, far, three, four = np.quantile(
         draws, [0.05, 0.15, 0.1, tail, 1.0 - tail, 0.9, 0.85, 0.95], axis=0
     )
-    # A tenth of the draws lies between each pair of these, whose distances are as 1/density.
+    # A tenth of the draws lies between each pair, so a distance is proportional to 1/density.
     at_low = four - three > ONE_SIDED_DENSITY_RATIO * (near - low)
     at_high = two - one > ONE_SIDED_DENSITY_RATIO * (high - far)
     one_sided = (at_low != at_high) & ~circular
     to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
     start = np.where(one_sided, np.where(at_low, low, since), start)
     end = np.where(one_sided, np.where(at_low, to, high), end)
-    middle = np.median(draws, axis=0)  # one-sided intervals of less than half of the draws miss it
-    start, end = np.minimum(start, middle), np.maximum(end, middle)
+    middle = np.median(draws, axis=0)  # one-sided intervals of under half of the draws miss it
+    start = np.minimum(start, middle)
+    end = np.maximum(end, middle)
     for k in np.flatnonzero(circular):
         start[k], end[k] = _shortest_arc(draws[:, k], mass)
     return start, end
@@ -193,11 +194,11 @@ def intervals(
 def holding(
     low: Floats, high: Floats, point: Floats, circular: NDArray[np.bool_]
 ) -> tuple[Floats, Floats, Floats]:
-    """Return intervals (P,), widened where they do not hold an estimate ``point`` (P,), and it.
+    """Return intervals (P,), widened to hold an estimate ``point`` (P,), and the estimate.
 
-    An estimate and its interval may come from different posteriors: inside the model, and if the
-    simulator may be wrong. An angle's arc is widened on its nearer side, and the estimate returned
-    is the turn of it that lies inside: it may exceed pi, as the end of the arc may.
+    An estimate and its interval may come from different posteriors: without and with model
+    discrepancy. The arc of an angle is widened on its nearer side. The returned estimate is turned
+    by 2 pi if needed to lie inside, so it may exceed pi, as the end of the arc may.
 
     Examples
     --------
@@ -206,7 +207,7 @@ def holding(
     >>> low.tolist(), high.tolist(), point.round(3).tolist()
     ([0.2, 3.0], [0.5, 3.4], [0.5, 3.283])
     """
-    past_low = (point - low) % TURN  # the point is so far beyond the low end
+    past_low = (point - low) % TURN  # from the low end to the point
     past_high = past_low - (high - low)
     before = circular & (past_high > 0.0) & (TURN - past_low < past_high)
     at = np.where(circular, low + past_low - TURN * before, point)

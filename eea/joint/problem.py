@@ -75,15 +75,15 @@ class Nuisance:
     name: str
     low: float
     high: float
-    nominal: float  #: Its value where it is not inferred.
+    nominal: float  #: Value where it is not inferred.
     sd: float = math.inf  #: Standard deviation of the prior.
-    group: str = ""  #: By default its own name.
+    group: str = ""  #: By default the name.
     switch: bool = False  #: Whether it is nominal unless a hypothesis changes it.
     #: Whether it is part of a trial's initial state, like the hidden angles: always inferred, for
     #: each trial.
     start: bool = False
-    #: Number of equal parts of its range between which a descent cannot move, so that each is
-    #: tried; 0 where a descent finds the best.
+    #: Number of equal parts of the range that are all tried, because no descent moves from one to
+    #: another; 0 where a descent finds the best.
     valleys: int = 0
 
     def __post_init__(self) -> None:
@@ -168,7 +168,7 @@ DifferenceShapes = Callable[[Values, Any], Floats]
 
 @dataclass(frozen=True)
 class Calibration:
-    """Factors on the half widths of intervals, of split-conformal prediction.
+    """Factors of split-conformal prediction on the half widths of intervals.
 
     With them, 90% intervals hold 90% of each parameter in the robots that they were made with.
 
@@ -179,7 +179,7 @@ class Calibration:
     array([0.9, 0.8])
     """
 
-    #: Noise over the signal's norm, ascending, at which ``rows`` are given.
+    #: Noise divided by the signal's norm, ascending; one level for each row.
     levels: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each parameter.
 
@@ -192,20 +192,22 @@ class Calibration:
         finite("rows", self.rows, (len(levels), None))
 
     def factors(self, level: float) -> Floats:
-        """Return the factors (n,) at a level; beyond the first and last they are as there."""
-        at, knots = np.log(max(level, 1e-12)), np.log(self.levels)
+        """Return the factors (n,) at a level, constant beyond the first and the last level."""
+        at = np.log(max(level, 1e-12))
+        knots = np.log(self.levels)
         return np.array([np.interp(at, knots, row) for row in zip(*self.rows, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
-    """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
+    """Size and shape of a simulator's errors; see ``eea.joint.discrepancy``."""
 
-    share: float  #: Standard deviation, as a share of the signal's rms.
-    #: After which it has changed by a factor of e, in the unit of the trials' times: in samples,
-    #: where those have none.
+    share: float  #: Standard deviation of the error, as a share of the signal's rms.
+    #: Time in which the error's correlation falls by a factor of e, in the unit of the trials'
+    #: times, or in samples where trials have no times.
     duration: float
-    shapes: DifferenceShapes | None = None  #: The differences of known shape, or none.
+    #: Function that returns the differences of known shape, or None.
+    shapes: DifferenceShapes | None = None
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
 
     def __post_init__(self) -> None:
@@ -221,8 +223,8 @@ class Prior:
     """A normal prior of some parameters and nuisances, as shares of their ranges."""
 
     names: tuple[str, ...]
-    mean: Floats  #: (n,)
-    covariance: Floats  #: (n, n)
+    mean: Floats  #: Mean (n,).
+    covariance: Floats  #: Covariance (n, n).
 
     def __post_init__(self) -> None:
         count = len(all_of("names", self.names, str))

@@ -91,12 +91,17 @@ def infer(
 
 def noise_left(optima: Sequence[Optima]) -> Noise:
     """Return the noise that the best fits of one or more logs leave, of each channel."""
-    squares, products, counts, pairs, unknowns = 0.0, 0.0, 0.0, 0.0, 0.0
-    loudest = 0.0
+    channels = optima[0].regression.observed.signal.shape[2]
+    squares = np.zeros(channels)
+    products = np.zeros(channels)
+    counts = np.zeros(channels)
+    pairs = np.zeros(channels)
+    loudest = np.zeros(channels)
+    unknowns = 0.0
     for one in optima:
         observed = replace(one.regression.observed, noise=None)
         plain = Regression(one.regression.parameters, observed, None)
-        trials, samples, channels = observed.signal.shape
+        trials, samples, _ = observed.signal.shape
         flat = plain.misfit(FINE).residuals(one.fits.theta[:1])[0]
         left = flat.reshape(trials, channels, samples)
         there = np.ones(left.shape)
@@ -105,18 +110,17 @@ def noise_left(optima: Sequence[Optima]) -> Noise:
             there = np.broadcast_to(
                 (weight.swapaxes(1, 2) if weight.ndim == 3 else weight[:, None]) > 0.0, left.shape
             ).astype(np.float64)
-        squares = squares + (left**2).sum(axis=(0, 2))
-        products = products + (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
-        counts = counts + there.sum(axis=(0, 2))
-        pairs = pairs + (there[:, :, 1:] * there[:, :, :-1]).sum(axis=(0, 2))
+        squares += (left**2).sum(axis=(0, 2))
+        products += (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
+        counts += there.sum(axis=(0, 2))
+        pairs += (there[:, :, 1:] * there[:, :, :-1]).sum(axis=(0, 2))
         unknowns += _determined(one)
         loudest = np.maximum(loudest, np.abs(observed.signal).max(axis=(0, 1)))
-    total = np.asarray(counts)
-    freedom = total * np.maximum(1.0 - unknowns / total.sum(), 0.1)
-    sd = np.sqrt(np.asarray(squares) / np.maximum(freedom, 1.0))
+    freedom = counts * np.maximum(1.0 - unknowns / counts.sum(), 0.1)
+    sd = np.sqrt(squares / np.maximum(freedom, 1.0))
     sd = np.maximum(sd, LEAST_RELATIVE_SIGMA * np.maximum(loudest, 1e-12))
-    mean = np.asarray(squares) / np.maximum(total, 1.0)
-    share = np.asarray(products) / np.maximum(np.asarray(pairs) * mean, 1e-300)
+    mean = squares / np.maximum(counts, 1.0)
+    share = products / np.maximum(pairs * mean, 1e-300)
     certain = share > SIGNIFICANT_SDS / np.sqrt(np.maximum(pairs, 1.0))
     return Noise(sd, np.where(certain, np.minimum(share, MOST_CORRELATION), 0.0))
 

@@ -26,11 +26,11 @@ from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
 from eea.joint.slow_errors import slow_errors
 
-CLOSE_COST = 10.0  # optima farther from the best have less than 1/20,000 of its weight
-MAXIMUM_HOPS = 3  # from the best optimum
-FIRST_ITERATIONS = 8  # after them the worse half of the starting points is dropped
-SAME_OPTIMUM_DISTANCE = 1e-3  # of a range, or rad: closer optima are one
-# As a share of a range: bodies that differ by more in a size are kept beside a better one.
+CLOSE_COST = 10.0  # optima with a cost higher by this have under 1/20,000 of the best's weight
+MAXIMUM_HOPS = 3  # rounds of hops from the best optimum
+FIRST_ITERATIONS = 8  # then the worse half of the starting points is dropped
+SAME_OPTIMUM_DISTANCE = 1e-3  # share of a range, or rad; closer optima are one
+# Share of a range. Bodies that differ by more in a size are kept beside a better one.
 VALLEY_SIZE_DIFFERENCE = 0.05
 SCAN_TOLERANCE = 1e-3  # of sigma: two scans that agree within it have found the optimum
 RIVAL_SQUARES_RATIO = 1.5  # with more, relative to a rival hypothesis, a search is not completed
@@ -42,12 +42,12 @@ class Optima:
     """The best fits of some trials."""
 
     regression: Regression
-    fits: Fitted  #: Best first.
+    fits: Fitted  #: Fits, best first.
     sigma: float  #: Standard deviation of the noise, as given or from the best fit's residuals.
 
     @cached_property
     def residuals(self) -> list[Floats]:
-        """Simulated less observed (T, axes) of the best, times the weights, of each trial."""
+        """Weighted residuals (T, axes) of the best fit for each trial, simulated minus observed."""
         flat = self.regression.misfit(FINE).residuals(self.fits.theta[:1])[0]
         trials, samples, axes = self.regression.observed.signal.shape
         whole = flat.reshape(trials, axes, samples).swapaxes(1, 2)
@@ -55,9 +55,10 @@ class Optima:
 
     @cached_property
     def goodness(self) -> Goodness:
-        """Whether the best leaves nothing but noise."""
+        """Whether the best fit leaves nothing but noise."""
         regression = self.regression
-        parameters, floor = regression.parameters, LEAST_RELATIVE_RMS * regression.rms
+        parameters = regression.parameters
+        floor = LEAST_RELATIVE_RMS * regression.rms
         discrepancy = parameters.robot.discrepancy
         slow_p = None
         if discrepancy is not None:
@@ -92,9 +93,9 @@ def search(
 ) -> Optima:
     """Return the best fits, from ``known`` vectors (K, P) and random starting points.
 
-    Unless it is done ``once``, the search is repeated up to ``effort.restarts`` times, until a fit
-    leaves nothing but noise, or two scans end in the same fit: then it is the model that fails.
-    The search is not completed where it leaves far more than ``rival``, a sum of squares.
+    Without ``once``, the search is repeated up to ``effort.restarts`` times, until a fit leaves
+    nothing but noise, or two scans end in the same fit (then the model fails, not the search).
+    The search is not completed where its squares far exceed ``rival``, a sum of squares.
     """
     parameters = regression.parameters
     if not parameters.unknowns:
@@ -103,13 +104,14 @@ def search(
         return _optima(regression, Fitted(still, squares, squares))
     best: Optima | None = None
     for attempt in range(effort.restarts + 1):
-        starts, scanned = np.empty((0, len(parameters))), effort
+        starts = np.empty((0, len(parameters)))
+        scanned = effort
         if known is not None:
             known = starts = _downhill(regression, known).theta
             exact = _exact(regression, starts)
             if exact is not None:
                 return exact
-            # Known optima are nearly enough, unless they have just failed.
+            # Known optima need fewer descents, unless their fit has just failed.
             scanned = effort if attempt else halved(effort)
         starts = np.concatenate([starts, scan(regression, rng, scanned)])
         found = _refine(regression, starts, rng, effort, rival)
@@ -146,7 +148,7 @@ def _downhill(regression: Regression, starts: Floats, iterations: int = 25) -> F
 
 
 def _exact(regression: Regression, theta: Floats) -> Optima | None:
-    """Return the optimum near vectors (S, P) if it fits up to rounding: there is no better one."""
+    """Return the optimum near vectors (S, P) if it fits up to rounding, else None."""
     fine = regression.misfit(FINE)
     squares = fine.squares(theta)
     sigma = regression.sigma(squares.min(), fine.count)
@@ -166,7 +168,8 @@ def _refine(
     rival: float,
 ) -> Optima:
     """Descend from vectors (S, P), then hop from the best unless it is far worse than a rival."""
-    parameters, fine = regression.parameters, regression.misfit(FINE)
+    parameters = regression.parameters
+    fine = regression.misfit(FINE)
     begun = _downhill(regression, starts, FIRST_ITERATIONS)
     some = _different(parameters, begun, -(-len(starts) // 2))
     ended = _downhill(regression, some.theta)
@@ -204,7 +207,7 @@ def _refine(
 
 
 def _optima(regression: Regression, fitted: Fitted) -> Optima:
-    """Return the fits close to the best, at the noise that the best leaves."""
+    """Return the fits close to the best, with noise from the best's residuals."""
     parameters = regression.parameters
     sigma = regression.sigma(fitted.squares.min(), regression.observed.size)
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
@@ -237,11 +240,12 @@ def _unique(
     entries: int | None = None,
     same: float = SAME_OPTIMUM_DISTANCE,
 ) -> Fitted:
-    """Return each optimum once, best first: those that differ in the first entries (None: all)."""
+    """Return each optimum once, best first, compared in the first entries (None: in all)."""
     ordered = _best(fitted, len(fitted.cost))
     kept: list[int] = []
     for i in np.flatnonzero(np.isfinite(ordered.cost)).tolist():
-        theta, others = ordered.theta[i], ordered.theta[kept]
+        theta = ordered.theta[i]
+        others = ordered.theta[kept]
         apart = np.where(
             parameters.circular, circular_distance(others, theta), np.abs(others - theta)
         )[:, :entries]

@@ -1,8 +1,7 @@
 """A joint posterior as a few arrays of numbers, and back: for a file without pickle.
 
-The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The others
-are flat, with as many numbers for each mode, of all hypotheses one after the other, zeros at the
-end.
+The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The other
+arrays have a row for each mode, one hypothesis after the other, padded with zeros.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from eea.joint.robot import Robot
 POSTERIOR_SCHEMA = "eea.posterior/5"
 EARLIER_SCHEMA = "eea.posterior/4"  # of fish, with genomes of bodies and commands
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
-MOST_SLOTS = 10**7  # numbers that all trials are simulated with
+MOST_SLOTS = 10**7  # numbers in the slots of all trials
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
@@ -68,7 +67,8 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     information = np.zeros((len(modes), size, size))
     for i, mode in enumerate(modes):
         own = slice(len(mode.theta))
-        theta[i, own], gradient[i, own] = mode.theta, mode.gradient
+        theta[i, own] = mode.theta
+        gradient[i, own] = mode.gradient
         information[i, own, own] = mode.information
     return {
         "header": np.frombuffer(json.dumps(header).encode(), np.uint8),
@@ -80,12 +80,12 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
-    """Return the posterior that :func:`to_arrays` wrote; it can do everything except simulate.
+    """Return the posterior that :func:`to_arrays` wrote; it cannot simulate.
 
     Raises
     ------
     ConfigurationError
-        If the arrays do not describe a posterior, or that of another version.
+        If the arrays do not describe a posterior, or a posterior of another version.
     """
     try:
         header = json.loads(arrays["header"].tobytes())
@@ -131,15 +131,18 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
     hypotheses = {h.name: h for h in (robot.nominal, *robot.alternatives)}
-    branches, first = [], 0
+    branches = []
+    first = 0
     for row in header["branches"]:
-        hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]
+        hypothesis = hypotheses[row["hypothesis"]]
+        names = row["parameters"]
         per_trial = {n.group for n in robot.nuisance_list if f"{n.name}@1" in names}
         inferred = per_trial | {n.group for n in robot.nuisance_list if n.name in names}
         parameters = Parameters.of(robot, trials, inferred, hypothesis, per_trial)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
-        own, parts = slice(len(names)), []
+        own = slice(len(names))
+        parts = []
         for count in row["modes"]:
             modes = [
                 Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])

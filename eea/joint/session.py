@@ -52,7 +52,7 @@ class JointInference(Session[JointState]):
     Examples
     --------
     A wheel turns at the commanded speed from an unknown angle. Its gyroscope reads the unknown
-    radius times the sine of its angle:
+    radius times the sine of the angle:
 
     >>> from eea.core.genome import action_layout, model_layout
     >>> from eea.core.problem import Problem
@@ -133,7 +133,7 @@ class JointInference(Session[JointState]):
 def round_fit(posterior: JointPosterior) -> RoundFit:
     """Return the record of a posterior from :func:`eea.joint.inference.fit`.
 
-    The interval of hidden angles in it is of the newest trial.
+    The record holds the intervals of the newest trial's hidden angles.
     """
     warm_start = posterior.warm_start
     assert warm_start is not None

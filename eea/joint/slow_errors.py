@@ -1,8 +1,8 @@
-"""Slow errors in residuals: a test for what a simulator may get wrong.
+"""Slow errors in residuals: a test for errors of the simulator.
 
 A simulator's errors last for many samples, so they show at low frequencies, where noise is no
-stronger than elsewhere. A fit takes most of its degrees of freedom from the same frequencies, which
-has to be counted: residuals of J's least squares have the covariance sigma^2 (I - H), with
+stronger than elsewhere. A fit takes most of its degrees of freedom from the same frequencies. To
+count this, residuals of the least squares of J have the covariance sigma^2 (I - H), with
 H = J (J^T J + sigma^2 Lambda)^-1 J^T and Lambda the prior's precision.
 """
 
@@ -15,25 +15,26 @@ from eea.core.angles import Floats
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.parameters import FIXED_SLOT
 
-LEAST_EIGENVALUE_SHARE = 1e-12  # of the largest scaled eigenvalue: directions without information
-ACTIVE_BOUND_DISTANCE = 1e-9  # of a range
+LEAST_EIGENVALUE_SHARE = 1e-12  # of the largest; directions below have no information
+ACTIVE_BOUND_DISTANCE = 1e-9  # share of a range
 
 
 def slow_errors(regression: Regression, theta: Floats, duration: float) -> float:
-    """Return the chance of residuals as slow as those at an optimum ``theta`` (P,) if it is noise.
+    """Return the p-value of slow residuals at an optimum ``theta`` (P,), for white noise.
 
-    The statistic is the score of errors that are correlated by exp(-|t - t'| / duration), in
-    the unit of the trials' times, and as large in each trial as its signal: the residuals' power in
-    their basis, weighted by the variances of such errors and divided by the whole power. It is
-    compared with a gamma distribution of the mean and variance that white noise would give it after
-    the fit (F. E. Satterthwaite, 1946).
+    The alternative is errors that are correlated by exp(-|t - t'| / duration), in the unit of the
+    trials' times, and as large in each trial as its signal. The statistic is the residuals' power
+    in the basis of such errors, weighted by their variances and divided by the whole power. Its
+    null distribution is a gamma distribution with the mean and variance of white noise after the
+    fit (F. E. Satterthwaite, 1946).
     """
-    parameters, observed = regression.parameters, regression.observed
+    parameters = regression.parameters
+    observed = regression.observed
     axes = observed.signal.shape[2]
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(theta[None])
     entries = parameters.slots[:, misfit.free]
-    # What a bound holds takes nothing from the residuals.
+    # Parameters at a bound take no degrees of freedom from the residuals.
     inner = (theta > parameters.low + ACTIVE_BOUND_DISTANCE) & (
         theta < parameters.high - ACTIVE_BOUND_DISTANCE
     )
@@ -41,7 +42,8 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
         [(one[:n] ** 2).mean() for one, n in zip(observed.signal, observed.counts, strict=True)]
     )
     sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
-    power, weight = np.zeros(2), np.zeros(3)
+    power = np.zeros(2)
+    weight = np.zeros(3)
     for e in range(len(observed)):
         used = entries[e] != FIXED_SLOT
         used[used] = inner[entries[e, used]]
@@ -50,7 +52,8 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
         basis = observed.slow_basis(e, duration)
         waves = basis.transform(waves, axes)
         each = basis.variances * loud[e] / loud.max()  # (T,)
-        columns, residuals = waves[:-1], waves[-1]
+        columns = waves[:-1]
+        residuals = waves[-1]
         for n in range(3):
             moved = (columns * each**n).reshape(len(at), -1)
             sums[n][at[:, None], at] += moved @ columns.reshape(len(at), -1).T
@@ -63,14 +66,14 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
     mean = weight[1] - float(np.trace(slow))
     square = weight[2] - 2.0 * float(np.trace(slower)) + float(np.sum(slow * slow.T))
     variance = 2.0 * (square - mean**2 / left)
-    if not min(mean, variance) > 0.0:  # the fit has taken all that is slow
+    if not min(mean, variance) > 0.0:  # the fit has absorbed all slow errors
         return 1.0
     found = left * power[1] / power[0]
     return float(gammaincc(mean**2 / variance, found * mean / variance))
 
 
 def _taken(sums: Floats, prior: Floats) -> Floats:
-    """Return (J^T J + prior)^-1 J^T W^n J, (3, P, P), without directions of no information."""
+    """Return (J^T J + prior)^-1 J^T W^n J, (3, P, P), without uninformed directions."""
     whole = sums[0] + prior
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
     inverse = np.linalg.pinv(

@@ -1,4 +1,4 @@
-"""The arms of a study for readers: their names, their order, and which pairs are compared."""
+"""The arms of a study in reports: names, order, and compared pairs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ARM_LABELS = {
     "joint": "Joint",
 }
 MINUS = "\u2212"
-# First less second, where a study has both.
+# Pairs of arms that are compared, first minus second, where a study has both.
 ARM_COMPARISONS = (
     ("joint", "out-of-band"),
     ("ideal", "out-of-band"),
@@ -36,7 +36,7 @@ def arm_label(arm: str, models: int | None = None) -> str:
 
 
 def angle_label(label: str, condition: str) -> str:
-    """Return an arm's name beside its angles, which the condition None does not infer."""
+    """Return an arm's name for a plot of angles; the condition None does not infer them."""
     return f"{label} (assumes zero)" if condition == "none" else label
 
 
@@ -52,7 +52,7 @@ def arm_order(arm: str) -> tuple[int, str]:
 
 
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
-    """Return which arms are compared, first less second."""
+    """Return the pairs of arms to compare, first minus second."""
     return [pair for pair in ARM_COMPARISONS if set(pair) <= set(arms)]
 
 

@@ -26,27 +26,27 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY = "0.35"
 SMALL_FONT = 8  # points
 GUESS_LINES = {"random bodies": "--", "mid-range body": ":", "quantisation limit": "-"}
-_NAME = 0.08  # of the height of axes, for a name of two small lines
+_NAME = 0.08  # share of the axes' height for a name of two small lines
 
 
 def arm_style(arm: str) -> tuple[str, Any]:
-    """Return the colour and the dash of an arm, the same in every study."""
+    """Return the colour and the dash of an arm, equal in every study."""
     return _STYLES.get(arm, ("#000000", "-"))
 
 
 def duration_colour(steps: int, durations: Sequence[int]) -> Any:
-    """Return a colour from light for the study's short to dark for its long trials."""
+    """Return a colour for a duration, from light for the shortest to dark for the longest."""
     share = durations.index(steps) / (len(durations) - 1) if len(durations) > 1 else 1.0
     return colormaps["viridis"](0.78 * (1.0 - share))
 
 
 def draw_levels(axes: Axes, guesses: Mapping[str, float]) -> None:
-    """Draw the levels of guessing and the quantisation limit, named at the edge."""
+    """Draw the levels of guessing and the quantisation limit, with names at the edge."""
     for (name, level), width in zip(guesses.items(), (1.2, 1.2, 0.8), strict=True):
         axes.axhline(level, color=GREY, ls=GUESS_LINES[name], lw=width, zorder=1.5)
     axes.set_ylim(top=1.01)
-    # The scale is final now, so names that would overlap can be moved apart as little as needed:
-    # less a gap for each name below, their places must only not fall, an isotonic regression.
+    # The scale is final now. Overlapping names are moved apart as little as needed: minus a gap for
+    # each name below, places must not decrease, which is an isotonic regression.
     bottom, top = axes.get_ylim()
     names = sorted(guesses, key=lambda name: guesses[name])
     shift = _NAME * np.arange(len(names))

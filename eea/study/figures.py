@@ -49,7 +49,7 @@ def save_study_figures(
 
 
 def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str, Figure]:
-    """Return every figure that a study has the numbers for, by name."""
+    """Return every figure that the study's numbers allow, by name."""
     arms = results.arms
     figures = {
         FIGURE_NAMES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
@@ -73,11 +73,14 @@ def rounds_figure(results: StudyResults, summary: Mapping[str, Any], arm: str) -
     for steps in results.durations(arm):
         curves = results.curves(arm, "obj_fit", [steps])
         counts.append(len(curves))
-        mean, deviation = curves.mean(), curves.std()
-        colour, marker = duration_colour(steps, every), MARKERS[every.index(steps) % len(MARKERS)]
+        mean = curves.mean()
+        deviation = curves.std()
+        colour = duration_colour(steps, every)
+        marker = MARKERS[every.index(steps) % len(MARKERS)]
         if len(curves) > 1:
-            # No OBJ_FIT passes 1, which a mean and an SD can.
-            low, high = mean - deviation, np.minimum(mean + deviation, 1.0)
+            # OBJ_FIT cannot exceed 1, but a mean plus an SD can.
+            low = mean - deviation
+            high = np.minimum(mean + deviation, 1.0)
             axes.fill_between(mean.index, low, high, color=colour, alpha=0.12, lw=0)
             widest = max(widest, float(deviation.max()))
             below.plot(deviation, marker=marker, ms=2.5, lw=1.2, color=colour, clip_on=False)
@@ -154,7 +157,8 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
 
     Boxes reach from quartile to quartile with a line at the median.
     """
-    arms, every = results.arms, results.durations()
+    arms = results.arms
+    every = results.durations()
     figure = new_figure(max(4.8, 0.8 + max(1.1, 0.29 * len(every)) * len(arms)), 3.8)
     axes = figure.add_subplot()
     width = 0.84 / len(every)
@@ -180,17 +184,20 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
 def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = False) -> None:
     """Draw each arm's mean over durations and its 95% interval; angles in degrees, if inferred.
 
-    Labels give the number n of replicates, which arms need not share.
+    Labels give the number n of replicates of each arm.
     """
-    arms, number = results.arms, np.arange(1, results.rounds + 1)
+    arms = results.arms
+    number = np.arange(1, results.rounds + 1)
     if angles:
         arms = [arm for arm in arms if results.conditions[arm] != "ideal"]
     for arm in arms:
-        curves, label = results.curves(arm, column).to_numpy(), results.labels[arm]
+        curves = results.curves(arm, column).to_numpy()
+        label = results.labels[arm]
         if not len(curves):
             continue
         if angles:
-            curves, label = np.degrees(curves), angle_label(label, results.conditions[arm])
+            curves = np.degrees(curves)
+            label = angle_label(label, results.conditions[arm])
         colour, line = arm_style(arm)
         axes.fill_between(number, *curve_interval(curves), color=colour, alpha=0.15, lw=0)
         label = f"{label} (n = {len(curves)})"
@@ -198,7 +205,7 @@ def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = Fa
 
 
 def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]) -> None:
-    """Give axes of OBJ_FIT against round their scale, the same for all of a study's arms."""
+    """Give axes of OBJ_FIT against round one scale for all arms of a study."""
     least = min(summary["guesses"].values())
     for arm in results.arms:
         for steps in results.durations(arm):
@@ -213,7 +220,7 @@ def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]
 
 
 def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, colour: Any) -> None:
-    """Draw points beside each other where they would hide one another, and a box behind."""
+    """Draw points, shifted sideways where they would overlap, and a box behind them."""
     step = 0.012
     offsets = np.zeros(len(values))
     groups = np.floor(values / step)
@@ -222,7 +229,8 @@ def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, c
         ranks = np.arange(len(members)) - (len(members) - 1) / 2
         offsets[members] = ranks * min(0.2 * width, 0.85 * width / len(members))
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
-    left, right = place - 0.42 * width, place + 0.42 * width
+    left = place - 0.42 * width
+    right = place + 0.42 * width
     axes.fill_between([left, right], low, high, color=colour, alpha=0.22, lw=0, zorder=1)
     axes.plot([left, right], [middle, middle], color=colour, lw=2.2, zorder=2)
     axes.scatter(place + offsets, values, s=7, color=colour, alpha=0.75, lw=0, zorder=3)

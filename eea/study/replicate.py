@@ -15,7 +15,7 @@ from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.study.presets import smoke
 
 RUNS_FOLDER = "runs"
-MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is measured
+MASSES = (0.5, 0.8, 0.9)  # probabilities of the intervals with measured coverage
 
 
 class ReplicateKey(NamedTuple):
@@ -27,31 +27,31 @@ class ReplicateKey(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Its name for people."""
+        """The name in messages."""
         return f"{self.arm}, {self.steps} steps, seed {self.seed}"
 
     @property
     def file(self) -> str:
-        """Its file, relative to the study's folder."""
+        """The file, relative to the study's folder."""
         return f"{RUNS_FOLDER}/{self.arm}/{self.steps}/{self.seed}.json"
 
 
 @dataclass(frozen=True)
 class StudyWorld:
-    """The target of a study and the water that it shares with its models."""
+    """The target of a study, and the water of target and models."""
 
     morphology: Morphology  #: The target's body before the damage.
     damage: Damage
     target_engine: str = "numba"
     #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: How the target's world differs from the models'.
+    #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
 
 
 @dataclass(frozen=True)
 class Replicate:
-    """One seed of one arm at one length of trial; enough to be sent to another machine.
+    """One seed of one arm at one length of trial, with everything that another machine needs.
 
     ``config`` has the arm's settings with the steps and rounds.
     """
@@ -63,7 +63,7 @@ class Replicate:
 
     @property
     def key(self) -> ReplicateKey:
-        """Its key in the study."""
+        """The key in the study."""
         return ReplicateKey(self.arm, self.config.steps, self.seed)
 
     @property
@@ -82,7 +82,8 @@ class Replicate:
         InvalidArgumentError, EngineUnavailableError, ConfigurationError
             If a setting is wrong or an engine is not installed.
         """
-        world, rng = self.world, streams(self.seed)["target"]
+        world = self.world
+        rng = streams(self.seed)["target"]
         target = EngineTarget(
             world.morphology, world.damage, rng, self.config.steps, world.target_engine,
             world.current, gap=world.gap,
@@ -99,7 +100,8 @@ def warm_up_replicates(jobs: Sequence[Replicate]) -> None:
     """
     for job in {(job.arm, job.config.steps): job for job in jobs}.values():
         job.session()
-    first = {job.config.condition == "joint": job for job in reversed(jobs)}  # one of each method
+    # one replicate of each method
+    first = {job.config.condition == "joint": job for job in reversed(jobs)}
     for job in first.values():
         replicate(replace(job, config=replace(smoke(job.config), rounds=2)))
 
@@ -109,8 +111,8 @@ def replicate(job: Replicate) -> dict[str, Any]:
 
     The records have no times, so that equal jobs give equal results. The condition joint adds
     ``belief``: the ``coverage`` of its intervals (the share of true sizes inside, by mass), their
-    mean ``width`` as a share of the ranges, and whether the fit is ``good``, with its ``verdict``.
-    It raises as ``Replicate.session``.
+    mean ``width`` as a share of the ranges, whether the fit is ``good``, and its ``verdict``.
+    Raises as ``Replicate.session``.
     """
     session = job.session()
     records = [record.to_dict() for record in session]
@@ -126,7 +128,8 @@ def replicate(job: Replicate) -> dict[str, Any]:
 def _coverage(result: Result, belief: Any) -> dict[str, Any]:
     """Return a posterior's coverage, width and verdict, ready for JSON."""
     assert result.truth is not None
-    coverage, width = {}, {}
+    coverage = {}
+    width = {}
     for mass in MASSES:
         low, high = belief.interval(mass)
         held = (low <= result.truth) & (result.truth <= high)

@@ -22,14 +22,14 @@ from eea.study.summary import summarize_study
 def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) -> list[Path]:
     """Write results.csv, summary.json, summary.md and the figures of a study; return the files.
 
-    They are a function of ``study.json`` and the finished replicates in ``runs/``, or of
-    ``results.csv`` where there is no such folder. The same results give the same bytes. The formats
-    of the figures are among "png", "pdf" and "svg".
+    The files depend only on ``study.json`` and the finished replicates in ``runs/``, or on
+    ``results.csv`` without that folder. The same results give the same bytes. ``formats`` of the
+    figures are among "png", "pdf" and "svg".
 
     Raises
     ------
     InvalidArgumentError
-        If there is no such format.
+        If a format is unknown.
     ConfigurationError
         If the folder holds no study or no finished replicate.
     DamagedFileError
@@ -50,7 +50,8 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
 
 def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequence[str]) -> str:
     """Return the whole text; ``figures`` are paths of pictures beside it."""
-    rounds, guesses = summary["rounds"], summary["guesses"]
+    rounds = summary["rounds"]
+    guesses = summary["guesses"]
     missing = ""
     if summary["finished"] < summary["planned"]:
         missing = (
@@ -78,12 +79,14 @@ def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequenc
 
 
 def _fitness(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
-    rows, note = [], ""
+    rows = []
+    note = ""
     for row in summary["fitness"]:
         fit = row["objective_fitness"]
         model = row["model_fitness"]
         durations = row["durations"]
-        name, sd = duration_name(durations), "" if fit["sd"] is None else f"{fit['sd']:.3f}"
+        name = duration_name(durations)
+        sd = "" if fit["sd"] is None else f"{fit['sd']:.3f}"
         if len(durations) > 1:
             name = f"**{name}**"
             own = [

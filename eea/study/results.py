@@ -1,4 +1,4 @@
-"""The finished replicates of a study as one table, which ``results.csv`` holds to the digit.
+"""The finished replicates of a study as one table, equal to ``results.csv`` in every digit.
 
 The table is read from ``runs/`` where a folder has them, otherwise from ``results.csv``.
 """
@@ -29,10 +29,10 @@ from eea.study.replicate import RUNS_FOLDER, ReplicateKey
 from eea.study.study import read_description, replicate_keys, target_of
 
 RESULTS_FILE = "results.csv"
-MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv: two million rounds
+MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv, two million rounds
 LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
 
-REPLICATE_KEYS = ["arm", "steps", "seed"]  # of a replicate
+REPLICATE_KEYS = ["arm", "steps", "seed"]
 ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
@@ -47,18 +47,18 @@ RESULT_COLUMNS = [
 
 @dataclass(frozen=True)
 class StudyResults:
-    """The finished replicates of a study, and what was run."""
+    """The finished replicates of a study, and the plan of the study."""
 
     #: A row for each round of each finished replicate, with ``RESULT_COLUMNS``; arms in the paper's
     #: order, then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit``
     #: is NaN in the first round, whose action is random.
     table: pd.DataFrame
     rounds: int
-    planned: int  #: How many replicates study.json plans.
+    planned: int  #: Number of replicates in the plan of study.json.
     truth: Floats  #: The target's dimensions, shape (n,).
-    target: str  #: The target in words.
-    labels: dict[str, str]  #: Arm to its name for readers.
-    conditions: dict[str, str]  #: Arm to its condition, as "out-of-band".
+    target: str  #: Description of the target.
+    labels: dict[str, str]  #: Arm to name for readers.
+    conditions: dict[str, str]  #: Arm to condition, such as "out-of-band".
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
@@ -71,15 +71,15 @@ class StudyResults:
         return list(self.table["arm"].unique())
 
     def durations(self, *arms: str) -> list[int]:
-        """Return the lengths of trial with finished replicates, of some arms or (none) of all."""
+        """Return the lengths of trials with finished replicates, of the given or of all arms."""
         rows = self.table[self.table["arm"].isin(arms)] if arms else self.table
         return sorted(int(steps) for steps in rows["steps"].unique())
 
     def curves(self, arm: str, column: str, durations: Sequence[int] | None = None) -> pd.DataFrame:
         """Return one column against the rounds 1, 2, ..., a row for each seed.
 
-        A replicate that stopped early keeps its last round's value. Of several durations (``None``:
-        all that the arm has) the values are means, over seeds finished in all of them.
+        A replicate that stopped early keeps its last round's value. For several durations
+        (``None``: all of the arm) values are means, over seeds that are finished in all of them.
         """
         rows = self._rows_of[arm].pivot(index=REPLICATE_KEYS[1:], columns="round", values=column)
         every = rows.reindex(columns=range(1, self.rounds + 1)).ffill(axis=1)
@@ -99,7 +99,7 @@ class StudyResults:
 
 
 def _mean_over(rows: pd.DataFrame, durations: Sequence[int]) -> pd.DataFrame:
-    """Return the means over durations of rows (steps, seed), of the seeds that are in all."""
+    """Return means over durations of rows (steps, seed), for seeds that all durations have."""
     seeds = rows[rows.index.get_level_values("steps").isin(durations)].groupby("seed")
     return seeds.mean()[seeds.size() == len(durations)]
 
@@ -116,7 +116,8 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     """
     path = Path(folder)
     study = read_description(path)
-    arms, keys = study["arms"], replicate_keys(study)
+    arms = study["arms"]
+    keys = replicate_keys(study)
     body, damage = target_of(study)
     return StudyResults(
         table=_table(path, keys),
@@ -161,7 +162,7 @@ def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
                 f"the study in {folder} has no finished replicate yet; the command that began it "
                 "resumes it"
             )
-        # The digits of results.csv are all that a report uses.
+        # A report uses no more digits than results.csv has.
         content = pd.DataFrame(rows, columns=RESULT_COLUMNS).to_csv(
             index=False, float_format="%.5g"
         )

@@ -1,6 +1,6 @@
 """A study, and its folder's ``study.json``, which later commands may extend.
 
-``study.json`` describes what is run: every arm with all its settings, the target and the simulator,
+``study.json`` describes the plan: every arm with all its settings, the target and the simulator,
 and the span of seeds of each arm at each length of trial. It also records the versions of the
 packages that made results.
 """
@@ -24,16 +24,16 @@ from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld
 
 STUDY_FILE = "study.json"
 STUDY_SCHEMA = "eea.study/1"
-# Settings that are the study's.
+# Settings of the study, not of an arm.
 _NOT_AN_ARMS = ("steps", "rounds")
-_GROWING = ("replicates", "versions", "source", "arms")  # these may differ when a study is extended
+_GROWING = ("replicates", "versions", "source", "arms")  # an extension may change these
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
 
 
 @dataclass(frozen=True)
 class Study:
-    """The replicates of a study, and everything that determines their results.
+    """The plan of a study: its replicates, and everything that determines their results.
 
     Raises
     ------
@@ -41,11 +41,12 @@ class Study:
         If a number is out of range.
     """
 
-    arms: Mapping[str, Config]  #: Name to settings, without steps and rounds.
-    steps: tuple[int, ...]  #: Lengths of trials; each arm has each.
+    arms: Mapping[str, Config]  #: Arm to settings without steps and rounds.
+    steps: tuple[int, ...]  #: Lengths of trials; every arm has all.
     rounds: int
     first_seed: int
-    replicates: int  #: Seeds of each arm at each length; the same in all, so that arms are paired.
+    #: Number of seeds of each arm at each length. Seeds are equal in all arms, to pair them.
+    replicates: int
     world: StudyWorld
 
     def __post_init__(self) -> None:
@@ -110,7 +111,7 @@ def target_of(document: Mapping[str, Any]) -> tuple[Morphology, Damage]:
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's study.json; refuse a missing or damaged one by name."""
+    """Return the content of a folder's study.json; an error names a missing or damaged file."""
     path = folder / STUDY_FILE
     if not path.exists():
         raise ConfigurationError(
@@ -132,7 +133,7 @@ def read_description(folder: Path) -> dict[str, Any]:
 
 
 def extended(folder: Path, study: Study) -> dict[str, Any]:
-    """Return the study.json of a study together with the one in its folder; write nothing.
+    """Return study.json of a study, merged with the one in its folder; write nothing.
 
     Raises
     ------
@@ -144,7 +145,8 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
     if not (folder / STUDY_FILE).exists():
         other = read_manifest(folder)
         held_by = other["kind"] if other else f"{RUNS_FOLDER} but no {STUDY_FILE}"
-        if other is not None or (folder / RUNS_FOLDER).exists():  # replicates of unknown settings
+        # the settings of these replicates are unknown
+        if other is not None or (folder / RUNS_FOLDER).exists():
             raise InvalidArgumentError(
                 f"out must be a new directory or hold a study; {folder} holds {held_by}"
             )

@@ -1,4 +1,4 @@
-"""A study's numbers: means, intervals and paired differences, as ``summary.json`` has them."""
+"""The numbers of ``summary.json``: means, intervals and paired differences."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def guess_errors(truth: Floats) -> dict[str, Floats]:
 
 
 def _earlier(results: StudyResults) -> int:
-    """Return the round that the last one is compared with: 15 of 25."""
+    """Return the round to compare with the last one: 15 of 25."""
     return max(1, round(0.6 * results.rounds))
 
 
@@ -58,7 +58,7 @@ def _duration_sets(durations: Sequence[int]) -> list[list[int]]:
 
 
 def _fitness(results: StudyResults, arm: str) -> list[dict[str, Any]]:
-    """Return the last round's numbers of an arm, over the seeds finished in all durations."""
+    """Return the last round's numbers of an arm, for seeds that are finished in all durations."""
     rows = []
     for durations in _duration_sets(results.durations(arm)):
         objective, model = (results.curves(arm, fit, durations) for fit in ("obj_fit", "mod_fit"))
@@ -77,7 +77,7 @@ def _fitness(results: StudyResults, arm: str) -> list[dict[str, Any]]:
 
 
 def _paired(results: StudyResults, first: str, second: str) -> list[dict[str, Any]]:
-    """Return paired differences of two arms, at the last round and of the mean over rounds."""
+    """Return paired differences of two arms in the last round and in the mean over rounds."""
     rows = []
     common = [s for s in results.durations(first) if s in results.durations(second)]
     for durations in _duration_sets(common):
@@ -100,7 +100,7 @@ def _paired(results: StudyResults, first: str, second: str) -> list[dict[str, An
 def _dimensions(
     results: StudyResults, arm: str, guesses: Mapping[str, Floats]
 ) -> dict[str, dict[str, Any]]:
-    """Return the final error of each dimension, as a share of its range, against guessing."""
+    """Return the final error of each dimension, as a share of its range, beside guesses."""
     found = _summaries(results, arm, dict(zip(LAYOUT.names, DIMENSION_ERRORS, strict=True)))
     best = dict(
         zip(
@@ -115,7 +115,7 @@ def _dimensions(
 def _summaries(
     results: StudyResults, arm: str, columns: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
-    """Return summaries of some columns of the last round, none without a seed in all durations."""
+    """Return summaries of columns of the last round; none without a seed in all durations."""
     last = results.last_rounds(arm)
     return {name: summary_statistics(last[column]) for name, column in columns.items() if len(last)}
 

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -30,10 +30,12 @@ from aquafish_gym.command import COMMAND_HIGH, scale_action
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.storage import write_document
-from experiments.league.policy import CLOCK, DT, SENSES, Offline, drive, inputs, reckoned
+from experiments.league.policy import DT, SENSES, Offline, begin_inputs, drive
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN
+from gait.controllers.pilots import Pilot
+from gait.scores.episode import transitions
 
 Floats = NDArray[np.float64]
 
@@ -50,15 +52,11 @@ POSES = 16  # from which an elite's pace is measured in the end
 SIZE = 3 * (1 + len(SENSES.names))  # numbers of a gait
 
 
-class Swimmers(Protocol):
-    """Agents of B robots, see ``gait.evaluate``."""
-
-    def reset(self, info: dict[str, Any]) -> None: ...
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.floating]: ...
-
-
 class Varied:
-    """The gait ``PPO, fins`` with additions (B, D) to the biases and weights of its outputs."""
+    """The gait ``PPO, fins`` with additions (B, D) to the biases and weights of its outputs.
+
+    It is an agent of B robots. The additions are few, so this is faster than B controllers.
+    """
 
     def __init__(self, vectors: Floats) -> None:
         self._gait = load_library()[0]
@@ -67,16 +65,14 @@ class Varied:
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin an episode of each robot."""
-        self._fins = info["fin_angles"]
-        self._steps = 0
+        self._inputs = begin_inputs(info["fin_angles"])
 
     def act(self, observations: NDArray[np.float32]) -> Floats:
         """Return actions (B, 3)."""
-        seen = inputs(observations.astype(float), CLOCK * DT * self._steps, self._fins)
+        seen = self._inputs.observe(observations.astype(float))
         more = self._bias + np.einsum("bi,boi->bo", seen, self._weights)
         actions = np.clip(drive(self._gait, seen) + OUTPUT_GAIN * more, -1.0, 1.0)
-        self._fins = reckoned(self._fins, actions)
-        self._steps += 1
+        self._inputs.follow(actions)
         return np.asarray(actions)
 
 
@@ -91,19 +87,17 @@ def varied(vector: Floats) -> Controller:
     return replace(gait, weights=weights, bias=bias)
 
 
-def swim(agent: Swimmers, envs: Any, seed: int) -> tuple[Floats, Floats]:
+def swim(agent: Pilot, envs: Any, seed: int) -> tuple[Floats, Floats]:
     """Return the paces (B,), units/s, and descriptors (B, 3) of a swim from random poses."""
     observations, info = envs.reset(seed=seed)
     agent.reset(info)
     usage = np.zeros((envs.num_envs, 3))
     lost = np.zeros(envs.num_envs, bool)
     steps = round(SECONDS / DT)
-    for _ in range(steps):
-        actions = agent.act(observations)
-        observations, _, terminated, _, info = envs.step(actions.astype(np.float32))
-        usage += np.abs(scale_action(actions)) / COMMAND_HIGH / steps
-        lost |= terminated
-    return np.where(lost, -np.inf, info["y_position"] / SECONDS), usage
+    for step in transitions(envs, agent.act, observations):
+        usage += np.abs(scale_action(step.action)) / COMMAND_HIGH / steps
+        lost |= step.terminated
+    return np.where(lost, -np.inf, step.info["y_position"] / SECONDS), usage
 
 
 class Archive(NamedTuple):

@@ -14,7 +14,7 @@ from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
-from experiments.league.policy import Offline, Policy, PolicyAgent
+from experiments.league.policy import FixedGait, Offline, Policy, PolicyAgent
 from experiments.league.trials import DirectSearch, TrialAndError, load_archive
 from gait.controllers.controller import Controller
 
@@ -34,25 +34,6 @@ class Entrant(Protocol):
 
     def begin(self, fin_angles: ArrayLike | None) -> None: ...
     def act(self, observation: ArrayLike) -> ArrayLike: ...
-
-
-class FixedGait:
-    """One controller throughout, which takes unknown fin angles for 0."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-
-    def begin(self, fin_angles: ArrayLike | None) -> None:
-        """Begin an episode."""
-        angles = np.zeros(3) if fin_angles is None else fin_angles
-        self._policy = self._controller.policy(angles)
-        self._steps = 0
-
-    def act(self, observation: ArrayLike) -> ArrayLike:
-        """Return the gait's action."""
-        action = self._policy(np.asarray(observation, float), 0.2 * self._steps)
-        self._steps += 1
-        return action
 
 
 class Still:

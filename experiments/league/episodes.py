@@ -8,17 +8,18 @@ from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS
 from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
+from experiments.league.policy import DT
+from gait.scores.episode import transitions
 from gait.scores.evaluation import FIRST_SEED
 
 NAME = "AquaFishRecovery-v0"
-DT = 0.2  # s of an action
 Water = Literal["still", "current", "reactive", "mujoco", "mujoco-lift", "pybullet"]
 Sensing = Literal["fins", "imu", "gyroscope"]
 
@@ -131,25 +132,26 @@ def play(episode: Episode) -> dict[str, Any]:
     onsets = list[int]()
     way = [0.0]
     spent = [0.0]
-    truncated = False
-    terminated = False
-    while not (truncated or terminated):
-        before = time.process_time()
-        action = np.asarray(agent.act(observation), np.float32)
-        spent.append(time.process_time() - before)
-        observation, _, terminated, truncated, info = env.step(action)
-        way.append(float(info["y_position"]) - DT * len(way) * current[1])
+
+    def act(observation: NDArray[np.float32]) -> ArrayLike:
+        began = time.process_time()
+        action = agent.act(observation)
+        spent.append(time.process_time() - began)
+        return action
+
+    for step in transitions(env, act, observation):
+        way.append(float(step.info["y_position"]) - DT * len(way) * current[1])
         if measure is not None:
             measure(way[-1])
-        if _truth(info) != truth:
-            truth = _truth(info)
+        if _truth(step.info) != truth:
+            truth = _truth(step.info)
             onsets.append(len(way) - 1)
             if isinstance(agent, Oracle):
-                agent.learn(info)
+                agent.learn(step.info)
     env.close()
     return {
         "onsets": onsets,
-        "terminated": terminated,
+        "terminated": step.terminated,
         "way": [round(y, 6) for y in way],
         "events": [list(event[:3]) for event in getattr(agent, "events", [])],
         "seconds": {"cpu": sum(spent), "slowest": max(spent)},

@@ -17,27 +17,21 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from tyro.conf import arg
 
-from aquafish.online.gaits import load_library, read_library
-from aquafish_gym.bodies import body_array
+from aquafish.online.gaits import read_library
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
-from experiments.league.policy import CLOCK, LARGEST, SENSES, Offline, Policy, drive
+from experiments.league.policy import INTERVAL, Offline, Policy
 from gait.learning.train import GAMMA, isolated_rng, load_extra
 
-TIERS = ("severe", "moderate", "mild")
-DAMAGE = "gyro:noise=0.01; random:{}@15-30"
 ROBOTS = 256
 HORIZON = 50  # actions of a robot between two updates
-INTERVAL = 20  # steps of 0.01 s of an action
 EPISODE = 300  # actions
 
 
@@ -63,49 +57,8 @@ KINDS = {
 
 
 def make_robots(seed: int) -> Any:
-    """Return ROBOTS robots as a vector environment of stable-baselines3.
-
-    They add actions to the gait's, and observe the policy's inputs and their previous action. Their
-    episodes begin at different times: otherwise each horizon would show all of them at the same
-    time of the episode.
-    """
-
-    gait = load_library()[0]
-
-    class Robots(import_module("gait.learning.sb3_env").LaneVecEnv):  # type: ignore[misc]
-        def __init__(self) -> None:
-            self._previous = np.zeros((ROBOTS, 3), np.float32)
-            damage = [DAMAGE.format(TIERS[i % len(TIERS)]) for i in range(ROBOTS)]
-            super().__init__(ROBOTS, body_array(None), SENSES, CLOCK, INTERVAL, "recovery", damage)
-            self.action_space = Box(-LARGEST, LARGEST, (3,), np.float32)
-            self.observation_space = Box(-1.0, 1.0, (len(SENSES.names) + 3,), np.float32)
-            self.seed(seed)
-
-        def reset(self) -> NDArray[np.float32]:
-            observations: NDArray[np.float32] = super().reset()
-            for k in range(EPISODE):
-                self.step_async(np.zeros((ROBOTS, 3), np.float32))
-                self.step_wait()
-                mask = np.arange(ROBOTS) * EPISODE // ROBOTS == k
-                if mask.any():
-                    observations = self._begin(mask)
-            self.earned[:] = np.nan
-            return observations
-
-        def step_async(self, actions: NDArray[np.float32]) -> None:
-            self._previous = np.clip(actions + self._base, -1.0, 1.0, dtype=np.float32)
-            super().step_async(self._previous)
-
-        def _begun(self, mask: NDArray[np.bool_], info: dict[str, Any]) -> None:
-            super()._begun(mask, info)
-            self._previous[mask] = 0.0
-
-        def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-            seen = super()._observe(observations)
-            self._base = np.clip(drive(gait, seen.astype(float)), -1.0, 1.0)
-            return np.hstack([seen, self._previous])
-
-    return Robots()
+    """Return ROBOTS robots as a vector environment of stable-baselines3."""
+    return load_extra("experiments.league.robots").ResidualVecEnv(ROBOTS, EPISODE, seed)
 
 
 def train(kind: Kind, seed: int, tell: Callable[[int, float], None]) -> tuple[Policy, Any]:

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.gaits import load_library
-from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.storage import read_document, write_document
+from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
-from gait.controllers.network import OUTPUT_GAIN, Senses, put_inputs
+from gait.controllers.inputs import NetworkInputs
+from gait.controllers.network import OUTPUT_GAIN, Senses
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +27,8 @@ SCHEMA = "aquafish.policy/1"
 DIGITS = 5
 SENSES = Senses(fins=True)  # of ``PPO, fins``
 CLOCK = 0.7  # Hz, of ``PPO, fins``
-DT = 0.2  # s of an action
+INTERVAL = 20  # steps of 0.01 s of an action
+DT = INTERVAL * TIMESTEP  # s of an action
 LARGEST = 2.0  # addition to an action
 
 
@@ -37,30 +39,15 @@ class Offline(NamedTuple):
     seconds: float = 0.0  #: CPU time.
 
 
-def inputs(observations: Floats, turns: Floats | float, fins: Floats) -> Floats:
-    """Return what controllers with ``SENSES`` observe, (B, 17).
-
-    Parameters
-    ----------
-    observations
-        (B, 9) of the environment.
-    turns
-        (B,) turns that the clock has made.
-    fins
-        (B, 3) assumed fin angles, rad.
-    """
-    up, north, gyro = (tuple(observations[:, i : i + 3].T) for i in (0, 3, 6))
-    left, right, caudal = (fins / TAU).T
-    values = np.empty((len(SENSES.names), len(observations)))
-    clock = np.broadcast_to(turns, len(observations))
-    put_inputs(values, SENSES.layout, clock, up, north, gyro, (left, right, caudal), up)
-    return values.T
+def begin_inputs(fin_angles: Floats) -> NetworkInputs:
+    """Return the inputs of networks with ``SENSES`` of B robots, at fin angles (B, 3), rad."""
+    return NetworkInputs(SENSES, CLOCK, INTERVAL, fin_angles)
 
 
 def drive(gait: Controller, seen: Floats) -> Floats:
     """Return the outputs (B, 3), before they are clipped, of a feed-forward controller.
 
-    ``seen`` are ``inputs`` (B, 17).
+    ``seen`` (B, 17) are the inputs.
     """
     values = seen
     begin = 0
@@ -74,19 +61,20 @@ def drive(gait: Controller, seen: Floats) -> Floats:
 
 def known_or_zero(fin_angles: ArrayLike | None) -> Floats:
     """Return fin angles (1, 3); 0 if they are None."""
-    return np.zeros((1, 3)) if fin_angles is None else np.array(fin_angles, float)[None]
+    return np.zeros((1, 3)) if fin_angles is None else np.reshape(fin_angles, (1, 3))
 
 
-def reckoned(fins: Floats, actions: Floats) -> Floats:
-    """Return where fins (B, 3), rad, are after actions (B, 3) in [-1, 1] of whole servos."""
-    left, right, caudal = actions.T
-    speeds = servo_speeds((left, right, caudal))
-    return np.stack(reckon(tuple(fins.T), speeds, TAU * DT), axis=1)
+class FixedGait(ControllerAgent):
+    """One controller in one episode, which takes unknown fin angles for 0."""
+
+    def begin(self, fin_angles: ArrayLike | None) -> None:
+        """Begin an episode."""
+        self.reset({"fin_angles": known_or_zero(fin_angles)})
 
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A policy from a frame, ``inputs`` and the previous action, to an addition to an action.
+    """A policy from a frame, inputs and the previous action, to an addition to an action.
 
     Attributes
     ----------
@@ -141,8 +129,7 @@ class PolicyAgent:
     def begin(self, fin_angles: ArrayLike | None) -> None:
         """Begin an episode."""
         w = self._policy.weights
-        self._fins = known_or_zero(fin_angles)
-        self._steps = 0
+        self._inputs = begin_inputs(known_or_zero(fin_angles))
         self._action = np.zeros((1, 3))
         self._frames = np.zeros((self._policy.frames, len(w["mean"])))
         cells = w["w_back"].shape[1] if "w_back" in w else 0
@@ -152,8 +139,7 @@ class PolicyAgent:
     def act(self, observation: ArrayLike) -> Floats:
         """Return the gait's action and what the policy adds on average."""
         w = self._policy.weights
-        given = np.asarray(observation, float)[None, :9]
-        seen = inputs(given, CLOCK * DT * self._steps, self._fins)
+        seen = self._inputs.observe(np.asarray(observation, float)[None])
         frame = (np.hstack([seen, self._action])[0] - w["mean"]) / w["scale"]
         self._frames = np.vstack([self._frames[1:], frame])
         values = self._frames.ravel()
@@ -169,8 +155,7 @@ class PolicyAgent:
             values = np.tanh(values) if i < last else values
         values = np.clip(values, -LARGEST, LARGEST)
         self._action = np.clip(np.clip(drive(self._gait, seen), -1.0, 1.0) + values, -1.0, 1.0)
-        self._fins = reckoned(self._fins, self._action)
-        self._steps += 1
+        self._inputs.follow(self._action)
         return np.asarray(self._action[0])
 
 

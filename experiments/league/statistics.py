@@ -11,7 +11,7 @@ from scipy.stats import trim_mean
 
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
-from experiments.league.episodes import DT
+from experiments.league.policy import DT
 
 Floats = NDArray[np.float64]
 Result = Mapping[str, Any]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.gaits import load_library
 from aquafish_gym.utils.storage import read_document
 from experiments.league.archive import SCHEMA, varied
-from experiments.league.policy import DT, Offline, known_or_zero, reckoned
+from experiments.league.policy import DT, FixedGait, Offline
 from gait.controllers.controller import Controller
 
 Floats = NDArray[np.float64]
@@ -59,19 +59,17 @@ class TrialAgent(ABC):
 
     def begin(self, fin_angles: ArrayLike | None) -> None:
         """Begin an episode."""
-        self._fins = known_or_zero(fin_angles)
+        self._agent = FixedGait(self._first)
+        self._agent.begin(fin_angles)
         self._way = [0.0]
         self.events: list[tuple[float, str, str]] = []
         self._expected = -np.inf
         self._trying = False
-        self._swim(self._first)
+        self._began = 0
 
-    def act(self, observation: ArrayLike) -> Floats:
+    def act(self, observation: ArrayLike) -> ArrayLike:
         """Return the present gait's action."""
-        seconds = DT * (len(self._way) - 1 - self._began)
-        action = np.clip(self._policy(np.asarray(observation, float), seconds), -1.0, 1.0)
-        self._fins = reckoned(self._fins, np.array([action]))
-        return np.asarray(action)
+        return self._agent.act(observation)
 
     def measure(self, y_position: float) -> None:
         """Measure how far the robot is along +y after a step, in units."""
@@ -107,7 +105,9 @@ class TrialAgent(ABC):
             self._swim(gait)
 
     def _swim(self, gait: Controller) -> None:
-        self._policy = gait.policy(self._fins[0])
+        fin_angles = self._agent.fin_angles
+        self._agent = FixedGait(gait)
+        self._agent.begin(fin_angles)
         self._began = len(self._way) - 1
 
     def _log(self, what: str, about: str) -> None:

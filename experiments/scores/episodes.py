@@ -14,6 +14,7 @@ from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
 from gait.controllers.agent import ControllerAgent
+from gait.scores.episode import transitions
 from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike
 
 WHOLE = "whole"
@@ -73,15 +74,12 @@ class Onset:
     def swim_on(self, gait: Controller) -> float:
         """Return the distance along +y from the onset on with a gait that knows the servo gains."""
         envs = copy.deepcopy(self._envs)
-        seen = self._seen
-        y = self._y
         agent = ControllerAgent(gait, self.info["servo_gain"])
-        agent.reset({"fin_angles": self.info["fin_angles"][None]})
-        for _ in range(round(self.seconds / envs.dt)):
-            seen, _, terminated, _, info = envs.step(agent.act(seen))
-            if terminated[0]:
-                break
-            y = float(info["y_position"][0])
+        agent.reset(self.info)
+        y = self._y
+        for step in transitions(envs, agent.act, self._seen):
+            if not step.terminated[0]:
+                y = float(step.info["y_position"][0])
         return y - self._y
 
 
@@ -91,12 +89,13 @@ def swim_to_onset(name: str, tier: str, gait: Controller, episode: int) -> Onset
     envs = AquaFishVectorEnv(1, threads=1, **kwargs)
     seen, info = envs.reset(seed=FIRST_SEED + episode)
     agent = ControllerAgent(gait)
+    agent.reset(info)
     seconds = envs.task.seconds
     y = 0.0
-    agent.reset(info)
-    while not info["faults"][0]:
-        y = float(info["y_position"][0])
-        seen, _, _, _, info = envs.step(agent.act(seen))
+    for step in transitions(envs, agent.act, seen):
         seconds -= envs.dt
-    robot = {key: value[0] for key, value in info.items()}
-    return Onset(robot, envs.states[:, 0], seconds, envs, seen, y)
+        if step.info["faults"][0]:
+            break
+        y = float(step.info["y_position"][0])
+    robot = {key: value[0] for key, value in step.info.items()}
+    return Onset(robot, envs.states[:, 0], seconds, envs, step.observation, y)

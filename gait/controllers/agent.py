@@ -1,17 +1,18 @@
-"""A controller as an agent: it acts for all robots of a batched environment."""
+"""A controller as an agent: it acts for one robot, or for all robots of a batched environment."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any
+import copy
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import lane_servo_speeds, reckon
-from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.rollout.plan import PROGRAM_CHANNELS
+from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.sense import limits, valid_readings
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -19,42 +20,15 @@ from aquafish_gym.utils.validation import (
     instance,
     real_array,
 )
-from gait.controllers import network
 from gait.controllers.controller import Controller, program_of
-
-
-def respond_all(
-    genes: Any, layout: Any, scratch: Any, time: float, felt: Any, fins: Any, actions: Any
-) -> None:
-    """Set the actions (B, 3) of B robots with one controller: ``network.respond``, one by one.
-
-    ``scratch`` (B, n) lives through an episode; ``felt`` (B, 12) holds up, north, gyro and the way
-    to the goal, and ``fins`` (B, 3) the assumed fin angles in turns.
-    """
-    for i in range(len(actions)):
-        up = (felt[i, 0], felt[i, 1], felt[i, 2])
-        north = (felt[i, 3], felt[i, 4], felt[i, 5])
-        gyro = (felt[i, 6], felt[i, 7], felt[i, 8])
-        way = (felt[i, 9], felt[i, 10], felt[i, 11])
-        angles = (fins[i, 0], fins[i, 1], fins[i, 2])
-        actions[i, 0], actions[i, 1], actions[i, 2] = network.respond(
-            genes, layout, scratch[i], 0, 1, time, up, north, gyro, angles, way
-        )
-
-
-@cache
-def _compiled() -> Any:
-    from aquafish_gym.physics.compiling import compiled_function, register_module
-
-    register_module(network)
-    return compiled_function(respond_all, slow=True, nogil=True)
 
 
 class ControllerAgent:
     """An agent (see ``gait.evaluate``) whose robots have one controller.
 
-    A reading that is not finite, or outside of the observation space, is not observed: the
-    controller senses the last one of that channel.
+    It keeps their clock, their network's memory and the fin angles by dead reckoning. A reading
+    that is not finite, or outside of the observation space, is not observed: the controller senses
+    the last one of that channel.
 
     Parameters
     ----------
@@ -62,46 +36,66 @@ class ControllerAgent:
         Its ``interval`` must be the environment's ``frame_skip``.
     believed_gain
         (3,) the servo gains by which it reckons its fins from its commands.
+
+    Examples
+    --------
+    >>> from aquafish_gym import Morphology
+    >>> body = Morphology.nominal()
+    >>> silent = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, seed=0)
+    >>> agent = ControllerAgent(silent)
+    >>> agent.reset({"fin_angles": np.zeros(3)})
+    >>> agent.act(np.zeros(9)).tolist()
+    [0.0, 0.0, 0.0]
     """
 
     def __init__(self, controller: Controller, believed_gain: ArrayLike = (1.0, 1.0, 1.0)) -> None:
-        self._program = program_of([instance("controller", controller, Controller)])
-        self._gain = finite_array("believed_gain", believed_gain, (3,))
-        self._genes = np.ascontiguousarray(self._program.weights[:, 0])
+        self.controller = instance("controller", controller, Controller)
         self.interval = controller.interval
+        self._gain = finite_array("believed_gain", believed_gain, (3,))
+        self._program = program_of([controller])
 
     def reset(self, info: dict[str, Any]) -> None:
-        """Begin an episode of each robot, at the true fin angles (B, 3) in ``info``."""
+        """Begin an episode of each robot, at the true fin angles (B, 3) or (3,) in ``info``."""
         if "fin_angles" not in instance("info", info, dict):
             raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
-        self._fins = finite_array("fin_angles", info["fin_angles"], (None, 3), unit="rad") / TAU
-        self._felt = np.zeros((len(self._fins), 12))
-        self._scratch = np.zeros((len(self._fins), self._program.scratch))
+        fins = finite_array("fin_angles", info["fin_angles"], (None, 3), unit="rad", flat=True)
+        self._robots = ProgramAgent(self._program, fins, self._gain)
+        self._sensed = np.zeros((len(fins), PROGRAM_CHANNELS))
         self._steps = 0
 
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return actions (B, 3) for observations (B, k)."""
-        if not hasattr(self, "_felt"):
+    def act(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (B, 3) for observations (B, k), or (3,) for the one of a single robot."""
+        if not hasattr(self, "_robots"):
             raise InvalidArgumentError("reset(info) must be called before act(observations)")
+        robots = len(self._sensed)
         needed = 9 + 3 * self._program.observes_goal
-        wanted = f"({len(self._felt)}, {needed} or more)"
+        wanted = f"({robots}, {needed} or more)"
         given = real_array("observations", observations, wanted)
-        if given.ndim != 2 or len(given) != len(self._felt) or given.shape[1] < needed:
+        rows = given[None] if given.ndim == 1 else given
+        if rows.ndim != 2 or len(rows) != robots or rows.shape[1] < needed:
             raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
-        felt = np.zeros((len(given), 12))
-        felt[:, :9] = given[:, :9]
+        sensed = np.zeros((robots, PROGRAM_CHANNELS))
+        sensed[:, :9] = rows[:, :9]
         if self._program.observes_goal:
-            felt[:, 9:] = given[:, -3:]
-        felt = valid_readings(felt, limits(observe_fins=False, has_goal=True))
-        self._felt = felt = np.where(np.isnan(felt), self._felt, felt)
-        program, dt = self._program, self._program.interval * TIMESTEP
-        actions = np.empty((len(felt), 3))
-        _compiled()(
-            self._genes, program.layout, self._scratch, self._steps * dt, felt, self._fins, actions
-        )
-        left, right, caudal = lane_servo_speeds((actions[:, 0], actions[:, 1], actions[:, 2]))
-        gain, fins = self._gain, self._fins
-        speeds = (gain[0] * left, gain[1] * right, gain[2] * caudal)
-        self._fins = np.stack(reckon((fins[:, 0], fins[:, 1], fins[:, 2]), speeds, dt), axis=1)
+            sensed[:, 9:] = rows[:, -3:]
+        sensed = valid_readings(sensed, limits(observe_fins=False, has_goal=True))
+        self._sensed = np.where(np.isnan(sensed), self._sensed, sensed)
+        time = self._steps * (self.interval * TIMESTEP)
         self._steps += 1
-        return actions.astype(np.float32)
+        actions = self._robots.act(self._sensed, time).astype(np.float32)
+        return actions.reshape((*given.shape[:-1], 3))
+
+    @property
+    def fin_angles(self) -> Floats:
+        """Where it assumes the fins to be, (B, 3) rad; set them where they are known."""
+        return self._robots.fin_angles
+
+    @fin_angles.setter
+    def fin_angles(self, angles: Floats) -> None:
+        self._robots.fin_angles = angles
+
+    def copy(self) -> Self:
+        """Return an agent that goes on from here, without effect on this one."""
+        other = copy.copy(self)
+        other._robots = self._robots.copy()
+        return other

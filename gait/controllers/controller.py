@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rollout import Program
-from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
@@ -225,12 +225,15 @@ class Controller:
         if nodes is None or nodes == self.nodes:
             return self
         more = nodes - self.nodes
-        hidden, inputs = self.nodes - len(OUTPUTS), len(self.senses.names)
+        hidden = self.nodes - len(OUTPUTS)
+        inputs = len(self.senses.names)
         place = np.concatenate([np.arange(hidden), np.arange(hidden, self.nodes) + more])
         weights = np.zeros((nodes, inputs + nodes))
         weights[np.ix_(place, [*range(inputs), *(inputs + place)])] = self.weights
-        bias, response = np.zeros(nodes), np.zeros(nodes)
-        bias[place], response[place] = self.bias, self.response
+        bias = np.zeros(nodes)
+        response = np.zeros(nodes)
+        bias[place] = self.bias
+        response[place] = self.response
         return replace(self, weights=weights, bias=bias, response=response)
 
     def __repr__(self) -> str:
@@ -250,8 +253,10 @@ class Controller:
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         gains = finite_array("servo_gain", servo_gain, (3,))
         respond = act_alone(program_of([self]), 0, angles, gains)
-        hold, needed = self.interval * TIMESTEP, _IMU_ENTRIES + 3 * self.senses.goal
-        action, due = np.zeros(3), -math.inf
+        hold = self.interval * TIMESTEP
+        needed = _IMU_ENTRIES + 3 * self.senses.goal
+        action = np.zeros(3)
+        due = -math.inf
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
             nonlocal action, due
@@ -335,7 +340,8 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
     """Return a program of P Q robots for P controllers of one kind, each in Q swims in a row."""
     if len({c.kind for c in controllers}) != 1:
         raise InvalidArgumentError("controllers must be one or more of one kind")
-    first, nodes = controllers[0], max(c.nodes for c in controllers)
+    first = controllers[0]
+    nodes = max(c.nodes for c in controllers)
     memory = any(c.memory for c in controllers)
     rows = _genes([c._padded(nodes) for c in controllers], memory)
     return Program(
@@ -351,7 +357,8 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
 def _genes(controllers: Sequence[Controller], memory: bool) -> NDArray[np.float64]:
     """Return the genes of P controllers of one kind, equally large, as columns."""
     first = controllers[0]
-    inputs, nodes = len(first.senses.names), first.nodes
+    inputs = len(first.senses.names)
+    nodes = first.nodes
     table = np.empty((nodes, 2 + inputs + nodes, len(controllers)))
     table[:, 0] = np.stack([c.bias for c in controllers], axis=-1)
     table[:, 1] = np.stack([c.response for c in controllers], axis=-1)

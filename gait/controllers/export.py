@@ -18,16 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tyro.conf import Positional, arg
 
-from aquafish_gym import command
+from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.physics.compiling import compiled_function, register_module
-from aquafish_gym.physics.layout import fetch_vector, put_vector
-from aquafish_gym.physics.simd import zero_lanes
+from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
 from aquafish_gym.utils.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
-from gait.controllers import network
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.network import OUTPUTS, Senses
 
@@ -93,10 +89,12 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
 
 def c_source(controller: Controller, name: str) -> str:
     """Return a controller as a C file whose functions' names begin with ``name``."""
-    senses, layers = controller.senses, controller.layers or (1,) * controller.nodes
+    senses = controller.senses
+    layers = controller.layers or (1,) * controller.nodes
     nodes, sources = np.nonzero(controller.weights)
     first = np.searchsorted(nodes, np.arange(controller.nodes + 1))
-    clipped, hidden = controller.output == "clip", len(layers) > 1
+    clipped = controller.output == "clip"
+    hidden = len(layers) > 1
     activation = "NAME_tanh(z)"
     if clipped:
         activation = "NAME_clip(z, 1.0f)"
@@ -150,7 +148,8 @@ def c_source(controller: Controller, name: str) -> str:
         "tanh": hidden or not clipped,
     }
     # In the template, a line "//? part" begins what only some controllers have, and "//." ends it.
-    lines, kept = [], True
+    lines = []
+    kept = True
     template = files("gait.controllers").joinpath("controller.c").read_text(encoding="utf-8")
     for line in template.splitlines():
         if line.startswith("//"):
@@ -183,52 +182,13 @@ def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArra
 
     The swim begins with ``VECTOR_FIN_ANGLES`` and ``VECTOR_SERVO_GAIN``.
     """
-    program = program_of([controller])
-    commands = np.empty((len(observations), 3), np.float32)
-    for module in (network, command):
-        register_module(module)
-    compiled_function(replay, slow=True)(
-        program.weights[:, 0].astype(np.float32),
-        program.layout,
-        np.zeros(program.scratch, np.float32),
-        (np.array(VECTOR_FIN_ANGLES) / TAU).astype(np.float32),
-        np.array(VECTOR_SERVO_GAIN, np.float32),
-        observations.ravel(),
-        controller.interval,
-        commands.ravel(),
-    )
-    return commands
-
-
-def replay(
-    genes: Any,
-    layout: Any,
-    scratch: Any,
-    fins: Any,
-    gain: Any,
-    observations: Any,
-    interval: int,
-    commands: Any,
-) -> None:
-    """Set the commands of a controller for given observations, as ``kernel.py`` does in lanes.
-
-    All are flat arrays of float32, but for the whole numbers ``layout`` and ``interval``.
-    """
-    zero = zero_lanes(genes, 1)
-    angles, gains = fetch_vector(fins, 0, 0, 1, zero), fetch_vector(gain, 0, 0, 1, zero)
-    for t in range(commands.size // 3):
-        action = network.respond(
-            genes, layout, scratch, 0, 1, (t * interval) * TIMESTEP,
-            fetch_vector(observations, 12 * t, 0, 1, zero),
-            fetch_vector(observations, 12 * t + 3, 0, 1, zero),
-            fetch_vector(observations, 12 * t + 6, 0, 1, zero),
-            angles,
-            fetch_vector(observations, 12 * t + 9, 0, 1, zero),
-        )  # fmt: skip
-        left, right, caudal = command.lane_servo_speeds(action)
-        put_vector(commands, 3 * t, 0, 1, (left, right, caudal))
-        speeds = (gains[0] * left, gains[1] * right, gains[2] * caudal)
-        angles = command.reckon(angles, speeds, interval * TIMESTEP)
+    fins = np.array([VECTOR_FIN_ANGLES])
+    agent = ProgramAgent(program_of([controller]), fins, VECTOR_SERVO_GAIN, np.float32)
+    times = np.arange(len(observations)) * controller.interval * TIMESTEP
+    pairs = zip(observations, times.tolist(), strict=True)
+    actions = np.array([agent.act(seen[None], time)[0] for seen, time in pairs])
+    left, right, caudal = actions.T
+    return np.stack(lane_servo_speeds((left, right, caudal)), axis=1)
 
 
 def _columns(senses: Senses) -> tuple[str, ...]:

@@ -13,13 +13,12 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_chec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.array_types import Observations
+from aquafish_gym.utils.array_types import Floats, Observations
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
+from gait.controllers.inputs import reckoned
 from gait.controllers.policy import ControllerLike, HasPolicy, Policy, new_policy
 
 KINDS = (
@@ -116,18 +115,14 @@ class Beliefs(NamedTuple):
         begins = any(callable(getattr(controller, name, None)) for name in ("reset", "begin"))
         return cls(reckons or (isinstance(controller, Agent) and begins), reckons)
 
-    def check(self, **given: tuple[str, object, bool]) -> None:
-        """Raise InvalidArgumentError for an argument that was given and has no effect.
 
-        A keyword is a field of this class; its value holds the argument's name, its value, and
-        whether it was given.
-        """
-        for field, (name, value, is_given) in given.items():
-            if is_given and not getattr(self, field):
-                raise InvalidArgumentError(
-                    f"{name} must not be given to a controller that does not sense its fins or has "
-                    f"beliefs of its own; got {brief(value)}"
-                )
+def refuse_unused(is_used: bool, name: str, belief: object) -> None:
+    """Raise InvalidArgumentError for a belief that a controller does not use; None is not given."""
+    if belief is not None and not is_used:
+        raise InvalidArgumentError(
+            f"{name} must not be given to a controller that does not sense its fins or has "
+            f"beliefs of its own; got {brief(belief)}"
+        )
 
 
 def make_pilot(
@@ -179,8 +174,8 @@ def make_pilot(
 def reckoning(
     pilot: Pilot,
     controller: object,
-    fins: NDArray[np.float64],
-    gain: NDArray[np.float64],
+    fins: Floats,
+    gain: Floats,
     hold: int,
 ) -> Policy:
     """Return a policy of one robot that acts as its pilot would in an environment.
@@ -191,20 +186,17 @@ def reckoning(
     0.01 s an action is held. ``controller`` is the pilot's controller.
     """
     sees_fins = Beliefs.of(controller).gains
-    turn = TAU * TIMESTEP * hold  # rad in an action at 1 rev/s
-    angles: Vector = (float(fins[0]), float(fins[1]), float(fins[2]))
-    pilot.reset({"fin_angles": fins[None]})
+    angles = fins[None]
+    pilot.reset({"fin_angles": angles})
 
-    def policy(observation: NDArray[np.float64], time: float) -> ArrayLike:  # noqa: ARG001
+    def policy(observation: Floats, time: float) -> Floats:  # noqa: ARG001
         nonlocal angles
-        seen = observation
+        seen = observation[None]
         if sees_fins:
-            seen = np.concatenate([observation, np.sin(angles), np.cos(angles)])
-        (action,) = np.asarray(pilot.act(seen[None].astype(np.float32)), np.float64).reshape(-1, 3)
-        left, right, caudal = np.clip(action, -1.0, 1.0)
-        speeds = servo_speeds((left, right, caudal))
-        angles = reckon(angles, tuple(g * s for g, s in zip(gain, speeds, strict=True)), turn)
-        return action
+            seen = np.hstack([seen, np.sin(angles), np.cos(angles)])
+        actions = np.asarray(pilot.act(seen.astype(np.float32)), np.float64).reshape(1, 3)
+        angles = reckoned(angles, actions, hold * TIMESTEP, gain)
+        return np.asarray(actions[0])
 
     return policy
 

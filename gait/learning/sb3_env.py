@@ -15,12 +15,11 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.utils.array_types import Flags
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
-from gait.controllers.network import Senses, put_inputs
+from gait.controllers.inputs import NetworkInputs
+from gait.controllers.network import Senses
 from gait.learning.sb3_infos import RobotInfo, Table, copied, joined
 
 Options = dict[str, Any]
@@ -144,7 +143,8 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         self._sum[mask] = 0.0
         entries = self._entries(info)
         self._begun(mask, entries)
-        table, everyone = Table(entries), bool(mask.all())
+        table = Table(entries)
+        everyone = bool(mask.all())
         for i in np.flatnonzero(mask).tolist():
             # Of a few, for none of them to keep the information of all.
             self.reset_infos[i] = RobotInfo(table, i) if everyone else table.row(i)
@@ -168,7 +168,8 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         """
         raw, rewards, terminated, truncated, info = self.envs.step(self._actions)
         self._sum += rewards * self._dt
-        observations, done = self._of_space(self._observe(raw)), terminated | truncated
+        observations = self._of_space(self._observe(raw))
+        done = terminated | truncated
         entries = self._entries(info) | {"TimeLimit.truncated": truncated & ~terminated}
         if done.any():
             entries |= {"terminal_observation": observations, "_terminal_observation": done}
@@ -292,8 +293,7 @@ class LaneVecEnv(SB3VecEnv):
         task: object = "forward",
         damage: object = None,
     ) -> None:
-        self._senses, self._clock = senses, clock
-        self._steps, self._fins = np.zeros(count), np.zeros((count, 3))
+        self._inputs = NetworkInputs(senses, clock, interval, np.zeros((count, 3)))
         envs = AquaFishVectorEnv(
             count,
             bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, 9)),
@@ -306,16 +306,12 @@ class LaneVecEnv(SB3VecEnv):
         super().__init__(envs, Box(-1.0, 1.0, (len(senses.names),), np.float32))
 
     def _begun(self, mask: Flags, info: dict[str, Any]) -> None:
-        self._steps[mask] = 0.0
-        self._fins[mask] = info["fin_angles"][mask]
+        self._inputs.begin(mask, info["fin_angles"][mask])
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, and track the fins by dead reckoning."""
         super().step_async(actions)
-        left, right, caudal = np.clip(actions, -1.0, 1.0, dtype=np.float64).T
-        speeds, dt = servo_speeds((left, right, caudal)), self._dt
-        self._fins = np.stack(reckon(_columns(self._fins), speeds, TAU * dt), axis=1)
-        self._steps += 1.0
+        self._inputs.follow(actions)
 
     def _infos(self, table: Table, done: Flags) -> list[dict[str, Any]]:
         """Return how episodes ended, for the robots whose did: learning reads nothing else."""
@@ -327,14 +323,5 @@ class LaneVecEnv(SB3VecEnv):
 
     def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the inputs (B, I)."""
-        seen = observations.astype(np.float64)
-        up, north, gyro, way = (_columns(seen[:, i:][:, :3]) for i in (0, 3, 6, seen.shape[1] - 3))
-        turns, fins = self._clock * self._dt * self._steps, _columns(self._fins / TAU)
-        values = np.empty((len(self._senses.names), self.num_envs))
-        put_inputs(values, self._senses.layout, turns, up, north, gyro, fins, way)
-        return np.ascontiguousarray(values.T, np.float32)
-
-
-def _columns(table: NDArray[np.float64]) -> Vector:
-    x, y, z = table.T
-    return (x, y, z)
+        seen = self._inputs.observe(observations.astype(np.float64))
+        return np.ascontiguousarray(seen, np.float32)

@@ -190,7 +190,8 @@ def train(
     settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
-    best, curve = Learned(learner.controller(), -inf, ()), list[CurvePoint]()
+    best = Learned(learner.controller(), -inf, ())
+    curve = list[CurvePoint]()
     with run_folder(out, "a baseline", settings, TRAINING_FILES, bodies) as folder:
         for epoch in range(1, config.epochs + 1):
             training = learner.learn(_seed(config, epoch - 1))
@@ -215,10 +216,12 @@ class _Learner:
     """PPO on bodies (M, 9), an epoch at a time; each epoch has a seed and new robots."""
 
     def __init__(self, bodies: NDArray[np.float64], config: LearningConfig, damage: Damage) -> None:
-        sb3, torch = load_extra("stable_baselines3"), load_extra("torch")
+        sb3 = load_extra("stable_baselines3")
+        torch = load_extra("torch")
         vec_env = load_extra("stable_baselines3.common.vec_env")
         logger = load_extra("stable_baselines3.common.logger")
-        self.bodies, self.config = bodies, config
+        self.bodies = bodies
+        self.config = config
         self.robots = load_extra("gait.learning.sb3_env").LaneVecEnv(
             config.environments,
             bodies,
@@ -264,7 +267,8 @@ class _Learner:
 
     def controller(self) -> Controller:
         """Return the policy's mean action as a controller."""
-        policy, config = self.model.policy, self.config
+        policy = self.model.policy
+        config = self.config
         layers = [
             (module.weight.detach().numpy(), module.bias.detach().numpy())
             for part in (policy.mlp_extractor.policy_net, policy.action_net)
@@ -320,15 +324,19 @@ def dense_network(
     if not len(mean):
         raise InvalidArgumentError("mean must have an entry for each input; got none")
     scale = finite_array("scale", scale, mean.shape, np.finfo(float).tiny)
-    layers, inputs = _check_layers(layers, len(mean)), len(mean)
+    inputs = len(mean)
+    layers = _check_layers(layers, inputs)
     nodes = sum(len(bias) for _, bias in layers)
-    weights, biases = np.zeros((nodes, inputs + nodes)), np.zeros(nodes)
-    begin, sources = 0, slice(0, inputs)
+    weights = np.zeros((nodes, inputs + nodes))
+    biases = np.zeros(nodes)
+    begin = 0
+    sources = slice(0, inputs)
     for matrix, bias in layers:
         end = begin + len(bias)
         weights[begin:end, sources] = matrix / OUTPUT_GAIN
         biases[begin:end] = bias / OUTPUT_GAIN
-        begin, sources = end, slice(inputs + begin, inputs + end)
+        sources = slice(inputs + begin, inputs + end)
+        begin = end
     weights[:, :inputs] /= scale
     return weights, biases - weights[:, :inputs] @ mean
 
@@ -339,7 +347,8 @@ def _check_layers(layers: object, inputs: int) -> list[tuple[NDArray[Any], NDArr
         raise InvalidArgumentError(
             f"layers must be a list of weights and biases of each layer; got {brief(layers)}"
         )
-    checked, sources = list[tuple[NDArray[Any], NDArray[Any]]](), inputs
+    checked = list[tuple[NDArray[Any], NDArray[Any]]]()
+    sources = inputs
     for i, layer in enumerate(layers):
         if not isinstance(layer, list | tuple) or len(layer) != 2:
             raise InvalidArgumentError(
@@ -371,8 +380,10 @@ def isolated_rng() -> Iterator[None]:
     Networks this small lose more to a second thread than they gain.
     """
     torch = load_extra("torch")
-    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002
-    own, threads = torch.get_rng_state(), torch.get_num_threads()
+    python = random.getstate()
+    legacy = np.random.get_state()  # noqa: NPY002
+    own = torch.get_rng_state()
+    threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         yield

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 from gait.controllers.controller import MAXIMUM_SEED
 from gait.controllers.pilots import Agent, AgentLike, make_pilot
+from gait.scores.episode import transitions
 
 __all__ = ["Agent", "AgentLike", "Evaluation", "evaluate", "interquartile_mean"]
 
@@ -33,8 +34,8 @@ class Evaluation:
     returns
         (E,) sums of the rewards.
     y_position
-        (T + 1, E) where each robot was along +y at first and after each step, in units of 5 cm;
-        the last value is repeated when an episode is over. NaN if the environment does not tell.
+        (T + 1, E) each robot's position along +y, in units of 5 cm, at first and after each step.
+        When its episode is over, the last one is repeated. NaN if ``info`` lacks it.
     broken
         (T, E) whether any fault was active after each step.
 
@@ -138,16 +139,15 @@ def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evalua
     base: Any = envs.unwrapped
     pilot = make_pilot(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
     pilot.reset(info)
-    returns, over = np.zeros(number), np.zeros(number, np.bool_)
-    y, broken = [np.asarray(info.get("y_position", np.full(number, np.nan)))], []
-    while not over.all():
-        actions = np.asarray(pilot.act(observations), np.float32)
-        observations, rewards, terminated, truncated, info = envs.step(actions)
-        returns += np.where(over, 0.0, rewards)
-        y.append(np.where(over, y[-1], info.get("y_position", y[-1])))
-        broken.append(info.get("faults", np.zeros(number, int)) > 0)
-        over |= terminated | truncated
-    return Evaluation(returns, np.array(y), np.array(broken))
+    returns = np.zeros(number)
+    y_position = [np.asarray(info.get("y_position", np.full(number, np.nan)))]
+    broken = []
+    for step in transitions(envs, pilot.act, observations):
+        returns += np.where(step.was_over, 0.0, step.reward)
+        last = y_position[-1]
+        y_position.append(np.where(step.was_over, last, step.info.get("y_position", last)))
+        broken.append(step.info.get("faults", np.zeros(number, int)) > 0)
+    return Evaluation(returns, np.array(y_position), np.array(broken))
 
 
 def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:

@@ -133,7 +133,8 @@ def swim_scores(
     InvalidArgumentError
         If an argument does not fit.
     """
-    controllers, broken = check_controllers(controllers), Damage.coerce(damage)
+    controllers = check_controllers(controllers)
+    broken = Damage.coerce(damage)
     integer("seed", seed, 0, MAXIMUM_SEED)
     judged = check_task(task)
     if isinstance(task, str) and task == "forward" and not broken:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,6 +39,7 @@ from gait.controllers.pilots import (
     make_pilot,
     own_interval,
     reckoning,
+    refuse_unused,
     takes_time,
 )
 from gait.controllers.policy import new_policy
@@ -144,7 +145,7 @@ def swim_all(
     threads
         None uses every core; no result depends on it.
     world
-        The water and the servos, without a lag; None is ``WorldConfig()``.
+        The water and the servos; None is ``WorldConfig()``.
     believed, believed_gain
         What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, and
         servo gains (3,) or (Q, 3). None for the true ones. Refused if none senses them.
@@ -167,36 +168,29 @@ def swim_all(
     >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
     (0, 2)
     """
-    controllers, world = check_controllers(controllers), lane_world(world)
+    controllers = check_controllers(controllers)
+    world = check_world(world)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     state = None if start is None else check_state(start)
     bodies, poses = pair_swims(morphologies, fin_angles)
     if state is not None:
-        begun = angles_of_rows(state)[None]
-        if poses.any() and not (poses == begun).all():
-            raise InvalidArgumentError(
-                f"fin_angles must be those of start, in which all swims begin; got {brief(poses)}"
-            )
-        bodies, poses = pair_swims(morphologies, begun)
-    swims, time = len(poses), step_count(seconds) * TIMESTEP
+        bodies, poses = pair_swims(morphologies, _only_pose(state, poses))
+    swims = len(poses)
+    time = step_count(seconds) * TIMESTEP
     kind = np.dtype(one_of("dtype", dtype, ("float32", "float64"))).type
     angles = _for_each_swim("believed", poses if believed is None else believed, swims)
     known = world.servo_gain if believed_gain is None else believed_gain
     gains = _for_each_swim("believed_gain", known, swims)
-    if controllers and not any(controller.senses.fins for controller in controllers):
-        Beliefs(angles=False, gains=False).check(
-            angles=("believed", believed, believed is not None),
-            gains=("believed_gain", believed_gain, believed_gain is not None),
-        )
+    sensing = not controllers or any(controller.senses.fins for controller in controllers)
+    refuse_unused(sensing, "believed", believed)
+    refuse_unused(sensing, "believed_gain", believed_gain)
     distances = np.empty((len(controllers), swims))
     if not distances.size:
         return distances
     scenario = world.edit(Scenario.fill({"body": bodies, "fin_angles": poses}))
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    for i, controller in enumerate(controllers):
-        kinds.setdefault(controller.kind, []).append(i)
-    for those in kinds.values():
+    first_y = 0.0 if state is None else state[FIELDS["position"]][1]
+    for those in _by_kind(controllers):
         rows = np.tile(np.arange(swims), len(those))
         found = rollout(
             program_of([controllers[i] for i in those], swims),
@@ -209,10 +203,17 @@ def swim_all(
             substeps=world.substeps,
             start=None if state is None else np.repeat(state[:, None], len(rows), axis=1),
         )
-        began = 0.0 if state is None else state[FIELDS["position"]][1]
-        far = found.end[:, 1] - began - world.current[1] * time
+        far = found.end[:, 1] - first_y - world.current[1] * time
         distances[those] = far.reshape(len(those), swims)
     return distances
+
+
+def _by_kind(controllers: Sequence[Controller]) -> Collection[list[int]]:
+    """Return the numbers of the controllers of each kind, which swim together."""
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for i, controller in enumerate(controllers):
+        kinds.setdefault(controller.kind, []).append(i)
+    return kinds.values()
 
 
 def check_state(start: ArrayLike) -> Floats:
@@ -231,6 +232,16 @@ def pair_swims(morphologies: MorphologiesLike, fin_angles: ArrayLike) -> tuple[F
             f"got {len(bodies)} and {len(poses)}"
         )
     return np.broadcast_to(bodies, (swims, 9)), np.broadcast_to(poses, (swims, 3))
+
+
+def _only_pose(start: Floats, poses: Floats) -> Floats:
+    """Return the fin angles (1, 3) of a state (25,), from which ``poses`` must not differ."""
+    begun = angles_of_rows(start)[None]
+    if poses.any() and not (poses == begun).all():
+        raise InvalidArgumentError(
+            f"fin_angles must be those of start, in which all swims begin; got {brief(poses)}"
+        )
+    return begun
 
 
 def _for_each_swim(name: str, values: ArrayLike, swims: int) -> Floats:
@@ -262,7 +273,7 @@ def swim(
         acts in an environment: a function of observations, an object with ``act``, or with
         ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
     morphology, fin_angles, seconds, world
-        Of one swim; otherwise as of :func:`swim_all`. A ``world`` may have a lag.
+        Of one swim; otherwise as of :func:`swim_all`.
     believed, believed_gain
         What a controller, agent or model that senses its fins assumes, as of :func:`swim_all`.
         Refused if it does not, or has beliefs of its own, as an agent has of its gains.
@@ -281,14 +292,14 @@ def swim(
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
-    time, config = step_count(seconds) * TIMESTEP, check_world(world)
+    time = step_count(seconds) * TIMESTEP
+    config = check_world(world)
     assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
     gain = config.servo_gain if believed_gain is None else believed_gain
     gain = finite_array("believed_gain", gain, (3,))
-    Beliefs.of(controller).check(
-        angles=("believed", believed, believed is not None),
-        gains=("believed_gain", believed_gain, believed_gain is not None),
-    )
+    beliefs = Beliefs.of(controller)
+    refuse_unused(beliefs.angles, "believed", believed)
+    refuse_unused(beliefs.gains, "believed_gain", believed_gain)
     steps = held_steps(controller, interval)
     if isinstance(controller, Controller):
         policy = controller.policy(assumed, gain)
@@ -324,16 +335,6 @@ def held_steps(controller: object, interval: int | None = None) -> int:
 def check_world(world: WorldConfig | None) -> WorldConfig:
     """Return a world; None is the default."""
     return _MODEL_WORLD if world is None else instance("world", world, WorldConfig)
-
-
-def lane_world(world: WorldConfig | None) -> WorldConfig:
-    """Return a world without a lag, which batches do not have; None is the default."""
-    world = check_world(world)
-    if world.lag:
-        raise InvalidArgumentError(
-            f"world.lag must be 0 in a batch; got {world.lag:g} s. gait.swim has lags"
-        )
-    return world
 
 
 def step_count(seconds: float) -> int:

@@ -19,7 +19,7 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.controllers.pilots import AgentLike, Beliefs
+from gait.controllers.pilots import AgentLike, Beliefs, refuse_unused
 from gait.scores.rollout import (
     MAXIMUM_POSES,
     SECONDS,
@@ -104,7 +104,8 @@ class Transfer:
     poses: NDArray[np.float64] = field(repr=False)
 
     def __str__(self) -> str:
-        first, second = self.native, self.target
+        first = self.native
+        second = self.target
         random = f"{len(self.poses)} random poses"
         return (
             f"{'units of 5 cm':20s}   native   target\n"
@@ -173,27 +174,24 @@ def score(
 ) -> Scored:
     """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, 3).
 
-    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers,
-    PyBullet and a ``world`` with a lag take one pose after the other. ``angle_error`` and
-    ``believed_gain`` are as in :class:`TransferConfig`. Raises as :func:`gait.swim`.
+    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers
+    and PyBullet take one pose after the other. ``angle_error`` and ``believed_gain`` are as in
+    :class:`TransferConfig`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world = check_world(world)
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
     gain = finite_array("believed_gain", believed_gain, (3,))
     beliefs = Beliefs.of(controller)
-    beliefs.check(
-        angles=("angle_error", angle_error, bool(error.any())),
-        gains=("believed_gain", believed_gain, bool((gain != 1.0).any())),
-    )
+    refuse_unused(beliefs.angles, "angle_error", angle_error if error.any() else None)
+    refuse_unused(beliefs.gains, "believed_gain", believed_gain if (gain != 1.0).any() else None)
     known = gain if beliefs.gains else None
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:
         fins = pose + error if beliefs.angles else None
         return swim(controller, morphology, pose, engine, seconds, world, fins, known)
 
-    batch = resolve_engine("engine", engine) == "numba" and not world.lag
-    if isinstance(controller, Controller) and batch:
+    if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":
         distances = swim_all(
             [controller], morphology, angles, seconds, "float64",
             world=world, believed=angles + error if beliefs.angles else None, believed_gain=known,

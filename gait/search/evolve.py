@@ -31,7 +31,7 @@ from gait.scores.fitness import Swims, draw_swims, every_pair, swim_scores
 from gait.scores.rollout import (
     ZERO_POSE,
     check_state,
-    lane_world,
+    check_world,
     random_poses,
     spread_poses,
     stream,
@@ -47,7 +47,7 @@ from gait.search.templates import Template
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
 MAXIMUM_BODIES = 1000
 SAVE_SECONDS = 1.0  # between two checkpoints
-# Settings of a search from random networks: a first controller has its own, and is the only start.
+# Settings of a search from random networks; a first controller has its own.
 OF_A_NETWORK = (
     "search", "controller", "senses", "interval", "hidden", "harmonics", "clock", "restarts",
     "random_candidates",
@@ -63,14 +63,14 @@ class Evolved:
     controller
         The best winner of all generations. For a sample, its ``morphology`` is the median body.
     fitness
-        Its mean distance over the run's fixed swims, in units of 5 cm: from the
-        zero pose and 32 random ones, and for a sample as many more as give each body equally many.
-        With ``start`` the swims are those of each body from that state.
+        Its mean distance over the run's fixed swims, in units of 5 cm. They begin in the zero pose
+        and in 32 random ones; for a sample, poses are added until all bodies have equally many.
+        With ``start``, each body swims once, from that state.
     history
         One row a generation.
     distances
-        (M,) mean distance on each body over the zero pose and the same 32 random poses, in units;
-        from the zero pose alone without ``poses``, and from the state alone with ``start``.
+        (M,) mean distance on each body over the zero pose and the 32 random ones, in units. Without
+        ``poses`` it is over the zero pose alone; with ``start`` it is from that state.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def evolve_gait(
 ) -> Evolved:
     """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
 
-    A sample costs no more than one body: each swim has its own body and pose; see
-    ``gait.scores.fitness``. Only the leaders of each generation swim on every body, so fifty bodies
-    are nearly free, and hundreds are not.
+    In each generation a swim has its own body and pose (see ``gait.scores.fitness``), so a sample
+    takes as many swims as one body. Only the leaders of a generation swim on every body: fifty
+    bodies are nearly free, hundreds are not.
 
     Parameters
     ----------
@@ -127,25 +127,25 @@ def evolve_gait(
     config
         None is ``EvolveConfig()``.
     first
-        A controller that CMA-ES refines, over its own connections and with small steps, for
-        ``config.generations``. None searches from random networks. The result is no worse than
-        ``first`` in the swims of ``Evolved.fitness``.
+        A controller to refine by CMA-ES for ``config.generations``, with small steps and without
+        new connections. The result is no worse in the swims of ``Evolved.fitness``. None searches
+        from random networks.
     start
-        A state (25,) in mid-swim, as the vector environment's ``states`` or a self-model's
-        ``state``. The gait is then for swimming on from it for ``config.seconds``: each controller
-        swims once on each body, with its clock at 0, so ``config.poses`` is refused. None begins at
-        rest, in poses that change with every generation.
+        A state (25,) in mid-swim, such as a column of the vector environment's ``states``. Each
+        controller then swims on from it for ``config.seconds``, once on each body and with its
+        clock at 0; ``config.poses`` is refused. None begins at rest, in poses that change with
+        every generation.
     out
         A folder for ``controller.json`` (the best so far), ``history.csv``, ``checkpoint.json``
         and a sample's ``bodies.json``, saved every second. An unfinished run of the same bodies
         and settings resumes, and ends in the same files as without the interruption.
     world
-        The water and the servos, without a lag; None is ``WorldConfig()``. The robot knows its
-        servos: controllers that sense their fins integrate their commands with the world's gains.
+        The water and the servos; None is ``WorldConfig()``. The robot knows its servos' gains:
+        controllers that sense their fins integrate their commands with them.
     cpu_seconds
-        CPU time of this process after which the search ends with the generation that it is in; it
-        includes compilation. The result depends on the computer then. A search in ``out`` that
-        ended so is unfinished: the same call resumes it, for as much time again.
+        CPU time of this process, compilation included, after which the present generation is the
+        last. The result then depends on the computer. Such a search in ``out`` is unfinished: the
+        same call resumes it, for as much time again.
     on_generation
         Called with every generation, including those that ``out`` already holds.
 
@@ -157,7 +157,7 @@ def evolve_gait(
         is in use, or holds another run or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
-    world = lane_world(world)
+    world = check_world(world)
     bodies = body_array(morphologies)
     callback("on_generation", on_generation)
     state = None if start is None else check_state(start)
@@ -168,14 +168,19 @@ def evolve_gait(
     if first is not None:
         _check_first(first, config)
         plan = plan._replace(rows=plan.generations)
-    body, sample = median_body(bodies), sample_stamp(bodies) if len(bodies) > 1 else None
+    body = median_body(bodies)
+    sample = sample_stamp(bodies) if len(bodies) > 1 else None
     settings = {"morphology": body.to_dict(), **config.settings}
-    settings |= {} if sample is None else {"sample": sample}
-    settings |= {} if world == WorldConfig() else {"world": asdict(world)}
-    settings |= {} if first is None else {"first": first.to_dict()}
-    settings |= {} if state is None else {"start": state.tolist()}
+    more = {
+        "sample": sample,
+        "world": None if world == WorldConfig() else asdict(world),
+        "first": None if first is None else first.to_dict(),
+        "start": None if state is None else state.tolist(),
+    }
+    settings |= {name: value for name, value in more.items() if value is not None}
     trials = _Trials(bodies, config, world, state)
-    search, run = make_search(config, body, first), History(sample)
+    search = make_search(config, body, first)
+    run = History(sample)
     with run_folder(out, "a gait", settings, FILES, bodies) as folder:
         recorded = read_checkpoint(folder, plan) if folder else []
         saved = -np.inf
@@ -202,28 +207,31 @@ def evolve_gait(
 
 def make_search(config: EvolveConfig, body: Morphology, first: Controller | None = None) -> Search:
     """Return the search of a configuration, whose random streams follow from its seed."""
-    c, plan = config, config.plan
+    plan = config.plan
     if first is not None:
-        mine = replace(first, morphology=body, seed=c.seed, sample=None)
-        rng = np.random.default_rng(stream(c.seed, 6))
+        mine = replace(first, morphology=body, seed=config.seed, sample=None)
+        rng = np.random.default_rng(stream(config.seed, 6))
         return cma.tuner(mine, plan.population, rng, cma.REFINING)
     if plan.search == "cma":
-        template = Template.of_class(plan.controller, plan.senses, plan.hidden, c.interval)
-        rng = np.random.default_rng(stream(c.seed, 6))
+        template = Template.of_class(plan.controller, plan.senses, plan.hidden, config.interval)
+        rng = np.random.default_rng(stream(config.seed, 6))
         turns = cma.multistart(
             template.random(plan.random_candidates, rng),
-            lambda vectors: template.controllers(vectors, plan.clock, body, c.seed),
+            lambda vectors: template.controllers(vectors, plan.clock, body, config.seed),
             plan.population,
             plan.restarts,
-            c.poses,
+            config.poses,
             rng,
         )
         return Relay(turns)
-    streams = [stream(c.seed, 0), *(stream(c.seed, 4, k) for k in range(1, plan.restarts))]
+    streams = [
+        stream(config.seed, 0),
+        *(stream(config.seed, 4, k) for k in range(1, plan.restarts)),
+    ]
     starts = [
         neat.Evolution(
             lambda genome: neat.genome_to_controller(
-                genome, plan.clock, body, c.seed, plan.senses, c.interval
+                genome, plan.clock, body, config.seed, plan.senses, config.interval
             ),
             plan.population,
             int(source.generate_state(1)[0]),
@@ -232,7 +240,7 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
         )
         for i, source in enumerate(streams)
     ]
-    tuning = CMA_POPULATION, np.random.default_rng(stream(c.seed, 5))
+    tuning = CMA_POPULATION, np.random.default_rng(stream(config.seed, 5))
     return Relay(
         neat.multistart(starts, plan.generations, tuning if plan.cma_generations else None)
     )
@@ -241,7 +249,7 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
 class _Trials:
     """The swims of a run: random ones in each generation, and fixed ones for the finalists.
 
-    From a state (25,) all swim the fixed ones.
+    From a state (25,), all controllers swim the fixed ones.
     """
 
     def __init__(
@@ -255,8 +263,8 @@ class _Trials:
         self._config = config
         self._world = world
         self._start = start
-        # CMA-ES ranks controllers that differ little. From independent poses it ends at worse
-        # gaits, and at some that do well from the fixed swims alone. NEAT is as in the paper.
+        # CMA-ES ranks controllers that differ little. With independent poses it finds worse gaits,
+        # some of them good in the fixed swims only. NEAT has the poses of the paper.
         self._spread = config.plan.search == "cma"
         if start is not None:
             self._final_poses = angles_of_rows(start)[None]
@@ -269,7 +277,7 @@ class _Trials:
         self._finals = np.resize(bodies, (len(poses), 9)), poses
 
     def nominate(self, proposal: Proposal) -> Proposal:
-        """Return a proposal in which all are finalists, if all swim the fixed swims."""
+        """Return the proposal; from a state, with all controllers as finalists."""
         if self._start is None:
             return proposal
         return proposal._replace(finalists=[*proposal.controllers, *(proposal.finalists or ())])
@@ -280,7 +288,8 @@ class _Trials:
             assert proposal.finalists
             scores = self._finish(proposal.finalists)
             return scores._replace(fitness=scores.fitness[: len(proposal.controllers)])
-        seed, poses = self._config.seed, self._drawn_poses(proposal, generation)
+        seed = self._config.seed
+        poses = self._drawn_poses(proposal, generation)
         swims = draw_swims(self._bodies, poses, stream(seed, 3, generation))
         fitness = self._swim(proposal.controllers, swims).mean(axis=1)
         finalists = finalists_of(proposal, fitness)
@@ -289,7 +298,7 @@ class _Trials:
         return self._finish(finalists)._replace(fitness=fitness.tolist())
 
     def _finish(self, finalists: Sequence[Controller]) -> Scores:
-        """Let finalists swim the fixed swims; return the scores of these."""
+        """Let finalists swim the fixed swims, and return their scores."""
         distances = self._swim(finalists, self._finals)
         finals = distances.mean(axis=1)
         best = int(finals.argmax())

@@ -61,7 +61,7 @@ def _bullet(bodies: NDArray[np.float64], cleanup: ExitStack) -> Callable[[], obj
     world = BulletWorld()
     cleanup.callback(world.close)
     following = cycle([Scenario.create(body) for body in bodies])
-    return lambda: world.reset(next(following))
+    return lambda: world.start(next(following))
 
 
 def _mujoco(bodies: NDArray[np.float64]) -> Callable[[], object]:

@@ -65,10 +65,10 @@ def _vector_rows(
 
     bodies = np.tile(Morphology.nominal().to_array(), (robots, 1))
     lanes = LaneBatch(Scenario.create(bodies), threads=threads)
-    lanes.command_rows()[:] = 0.25
+    commands = np.full((robots, 3), 0.25)
     whole = Row("make_vec", "numba", "float32", robots, threads, robots, step, against)
     physics = Row("of which physics", "numba", "float32", robots, threads, robots,
-                  lambda: lanes.swim(envs.frame_skip), whole, share=True)  # fmt: skip
+                  lambda: lanes.advance(commands, envs.frame_skip), whole, share=True)  # fmt: skip
     return [whole, physics]
 
 

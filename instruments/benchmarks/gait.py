@@ -119,7 +119,7 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
     matrix = load_pybullet().getMatrixFromQuaternion
     middle = ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist()
     reach = ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist()
-    world.reset(Scenario.create(body))
+    world.start(Scenario.create(body))
     for t in range(0, steps, INTERVAL):
         m = matrix(world.orientation)
         x, y, z = world.world_spin

@@ -72,7 +72,8 @@ def _lanes(trials: Trials, settings: Settings, dtype: str) -> Callable[[], objec
 
     def call() -> object:
         lanes = LaneBatch(scenario, getattr(np, dtype), threads=1)
-        return lanes.advance(trials.commands[few], settings.steps)
+        lanes.advance(trials.commands[few], settings.steps)
+        return lanes
 
     return call
 
@@ -92,7 +93,7 @@ def lane_widths(settings: Settings, cleanup: ExitStack) -> Group:  # noqa: ARG00
 
             def call(dtype: type[np.floating] = dtype, width: int = width) -> object:
                 lanes = LaneBatch(scenario, dtype, threads=1, width=width)
-                return lanes.advance(trials.commands, settings.steps, "rpy")
+                return lanes.log(trials.commands, settings.steps, "rpy")
 
             amount = settings.robots * settings.steps
             name = np.dtype(dtype).name
@@ -114,7 +115,7 @@ def _bullet(trials: Trials, robots: int, steps: int, cleanup: ExitStack) -> Call
 
     def call() -> None:
         for robot, command in zip(starts, commands, strict=False):
-            world.reset(robot)
+            world.start(robot)
             world.advance(tuple(command), steps)
 
     return call

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import Any
 
 import gymnasium as gym
@@ -22,6 +23,8 @@ from eea.core.config import FitConfig
 from eea.fish.hypotheses import SERVO
 from eea.fish.windows import Start
 from eea.joint.joint_posterior import JointPosterior
+from gait.controllers.agent import ControllerAgent
+from gait.scores.episode import transitions
 from instruments.inference.robots import SPANS, Floats
 from instruments.verification.tables import Table
 
@@ -54,7 +57,7 @@ def measure_recovery(number: int, rng: np.random.Generator) -> dict[str, Any]:
     lanes = LaneBatch(whole, np.float64, threads=1)
     for command in scale_action(actions[:onset]):
         lanes.advance(command[None], HOLD)
-    state = lanes.rows()[:, 0]
+    state = lanes.states[:, 0].astype(np.float64)
     after = scale_action(actions[onset:])
     log = SwimLog(
         np.round(DT * np.arange(ACTIONS + 1), 9),
@@ -85,15 +88,14 @@ def _swim(damage: Damage, noise: float, onset: int, seed: int) -> tuple[Floats, 
     faults = "; ".join(f"{fault}@{DT * onset!r}" for fault in damage.faults)
     env = gym.make(NAME, damage=f"gyro:noise={noise!r}; {faults}", engine="numba")
     seen, info = env.reset(seed=seed)
-    fins, gyro, actions = info["fin_angles"].copy(), [seen[6:9]], []
-    policy = load_library()[0].policy(fins)
-    for k in range(onset + ACTIONS):
-        action = np.clip(np.asarray(policy(np.asarray(seen, float), DT * k), np.float32), -1, 1)
-        seen, *_ = env.step(action)
-        actions.append(action.astype(float))
-        gyro.append(seen[6:9])
+    fins = info["fin_angles"].copy()
+    gait = ControllerAgent(load_library()[0])
+    gait.reset(info)
+    steps = list(islice(transitions(env, gait.act, seen), onset + ACTIONS))
+    actions = np.array([step.action for step in steps], float)
+    gyro = np.array([seen[6:9], *(step.observation[6:9] for step in steps)], float)
     env.close()
-    return np.array(actions), {"fin_angles": fins, "gyro": np.array(gyro, float)}
+    return actions, {"fin_angles": fins, "gyro": gyro}
 
 
 def _inferred(

@@ -105,7 +105,7 @@ def _known(number: int) -> tuple[Controller, JointPosterior]:
     class Fish:
         def perform(self, command: Floats) -> RecordedLog:
             world = CompiledWorld()
-            world.reset(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
+            world.start(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
             left, right, caudal = command.tolist()
             felt = []
             for _ in range(256):
@@ -129,7 +129,7 @@ def _swim(
 ) -> SwimLog:
     """Return a swim of a gait that feels its noisy gyroscope; the robot may become another."""
     world, policy = CompiledWorld(), new_policy(gait)
-    world.reset(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
+    world.start(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
     felt, told = [np.zeros(3)], []
     for t in range(round(seconds / TIMESTEP)):
         if become is not None and t == round(at / TIMESTEP):

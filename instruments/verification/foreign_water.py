@@ -50,7 +50,7 @@ def swim_there(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Return gyro (T, 3), quaternion (T, 4) and last position (3,) of one robot in MuJoCo."""
     world = MujocoWorld(substeps=substeps)
-    world.reset(Scenario.create(body, fin_angles=angles))
+    world.start(Scenario.create(body, fin_angles=angles))
     world.model.geom_fluid[:, without] = 0.0
     one, other, tail = command.tolist()
     states = []

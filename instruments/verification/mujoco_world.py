@@ -43,7 +43,7 @@ class MujocoWorld(World):
     Attributes
     ----------
     model, data
-        MuJoCo's ``MjModel`` and ``MjData``, from the first reset on; others for another body.
+        MuJoCo's ``MjModel`` and ``MjData``, from the first start on; others for another body.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class MujocoWorld(World):
     Examples
     --------
     >>> world = MujocoWorld()
-    >>> world.reset(Scenario.create([0.3] * 9, servo_gain=(1.0, 0.5, 1.0)))
+    >>> world.start(Scenario.create([0.3] * 9, servo_gain=(1.0, 0.5, 1.0)))
     >>> world.advance((0.5, 0.5, 0.0), steps=50)
     >>> [round(angle, 3) for angle in world.fin_angles]
     [1.571, 0.785, 0.0]
@@ -74,8 +74,9 @@ class MujocoWorld(World):
         self.diverged = False
         self._build(scenario)
         self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
+        self.data.qvel[:BASE] = [*scenario.velocity[0], *scenario.spin[0]]
 
-    def update(self, scenario: Scenario) -> None:
+    def _update(self, scenario: Scenario) -> None:
         if np.array_equal(scenario.body[0], self._body):
             self._set(scenario)
             return
@@ -104,7 +105,7 @@ class MujocoWorld(World):
         self.model.opt.wind[:] = current
 
     def _swim(self, command: Vector, steps: int) -> None:
-        """Advance; a robot that leaves the finite numbers stays ``diverged`` until it is reset."""
+        """Advance; a robot that leaves the finite numbers stays ``diverged`` until it starts."""
         turn = 2 * math.pi * self.model.opt.timestep * self._gains * command
         ahead = np.arange(1, steps * self._count + 1)[:, None]
         path = self._turned + turn * ahead
@@ -155,7 +156,7 @@ def simulate_mujoco(
 ) -> ImuLog:
     """Return the log (1, T, 3) of one robot that holds a command (3,) in MuJoCo's water."""
     world, found = MujocoWorld(), np.empty((1, steps, 13))
-    world.reset(Scenario.create(body, fin_angles=angles))
+    world.start(Scenario.create(body, fin_angles=angles))
     left, right, caudal = command.tolist()
     for t in range(steps):
         world.advance((left, right, caudal))

@@ -23,6 +23,7 @@ from aquafish_gym.physics.hydrodynamics import (
     body_drag,
 )
 from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.physics.robot import (
     CYLINDER,
     MOUNT_LENGTH,
@@ -281,12 +282,12 @@ def motions_met(trials: Trials, times: tuple[int, ...] = (50, 130, 210)) -> Met:
         lanes.advance(trials.commands, steps - done)
         done = steps
         now = lanes.state()
-        turns = np.array([rotation_matrix(q) for q in now["quaternion"]])
-        velocity = np.einsum("bji,bj->ib", turns, now["velocity"])
-        body = np.concatenate([velocity, now["gyro"].T])
-        left, _, phase = now["fin_angles"].T
+        turns = np.array([rotation_matrix(q) for q in np.transpose(now.orientation)])
+        velocity = np.einsum("bji,jb->ib", turns, np.array(now.velocity))
+        body = np.concatenate([velocity, now.spin])
+        left, _, phase = angles_of_rows(lanes.states)
         tail = SWEEP * np.sin(phase)
-        rates = now["rates"].T
+        rates = now.rates
         flippers.append(_in_fin_frame(body, HINGES[0], _SAME, left, rates[0]))
         tails.append(_in_fin_frame(body, HINGES[2], _UPRIGHT, tail, rates[2]))
         bodies.append(body)

@@ -68,7 +68,7 @@ def beat_tails(
     commands = tail_commands(frequency, amplitude, bias, samples)
     start = (0.0, 0.0, math.asin(bias / SWEEP))
     lanes = lane_batch(bodies, start, dtype=np.float64, substeps=substeps, reactive=reactive)
-    return lanes.advance(np.tile(commands, (len(bodies), 1, 1)), samples, "pose")
+    return lanes.log(np.tile(commands, (len(bodies), 1, 1)), samples, "pose")
 
 
 def steady_swims(
@@ -99,7 +99,7 @@ def steady_swims(
     commands = np.tile(commands, (len(bodies), 1, 1))
     mean = gain = strouhal = np.zeros(len(bodies))
     for turn in range(ROUNDS):
-        log = lanes.advance(commands, end, "pose")
+        log = lanes.log(commands, end, "pose")
         before, gained = mean, gain
         first, _ = straight_swims(bodies, log, frequency, settled, middle)
         mean, strouhal = straight_swims(bodies, log, frequency, middle, end)
@@ -118,14 +118,13 @@ def _push(lanes: LaneBatch, course: Array, push: Array) -> None:
 
     Rounding tips an unstable swimmer, slowly; levelled, it stays in its plane.
     """
-    rows = lanes.rows()
+    rows = lanes.states
     rows[FIELDS["orientation"]][:2] = 0.0
     rows[FIELDS["orientation"]] /= np.linalg.norm(rows[FIELDS["orientation"]], axis=0)
     rows[FIELDS["spin"]][:2] = 0.0
     ahead = course[:, :2] / np.linalg.norm(course[:, :2], axis=1, keepdims=True)
     rows[FIELDS["velocity"]][:2] += (push[:, None] * ahead).T
     rows[FIELDS["velocity"]][2] = 0.0
-    lanes.place(rows)
 
 
 def begun_swims(

@@ -10,7 +10,7 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import Swimming, imagine, load_library
+from aquafish.online.gaits import act_in, begin_gait, imagine, load_library, swim_ahead
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish_gym.physics.layout import angles_of_rows
@@ -185,23 +185,23 @@ def test_a_monitor_needs_more_than_it_saw_while_nothing_broke() -> None:
 def test_looking_ahead_is_imagining_the_gait_that_is_swum() -> None:
     robot = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)])
     model, gait = SelfModel(robot, (0.3, 1.0, 2.0)), load_library()[2]
-    swimming, begun = Swimming(gait, model.hold), model.state
+    swimming, begun = begin_gait(gait), model.state
     far = imagine([gait], robot, begun, 10.0)[0]
     for _ in range(10):  # without the filter, whose state is a mean
-        action = swimming.act(model.state)[None].astype(float)
+        action = act_in(swimming, model.state)[None].astype(float)
         model.become(robot, predict(robot, model.state, action)[1][:, 0])
-    then, way = swimming.ahead(model, 5, 40)
+    then, way = swim_ahead(swimming, model, 5, 40)
     assert then[5] - begun[5] + way == pytest.approx(far, abs=1e-3)
-    assert swimming.ahead(model, 5, 40)[1] == way  # it forgets what it imagined
+    assert swim_ahead(swimming, model, 5, 40)[1] == way  # it forgets what it imagined
 
 
 @pytest.mark.parametrize("number", [0, 2])
 def test_a_gait_is_the_controller_with_true_fin_angles(number: int) -> None:
     robot, gait = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)]), load_library()[number]
-    state, swimming = SelfModel(robot, (0.3, 1.0, 2.0)).state, Swimming(gait, 20)
+    state, swimming = SelfModel(robot, (0.3, 1.0, 2.0)).state, begin_gait(gait)
     policy = gait.policy((0.3, 1.0, 2.0), (1.0, 0.5, 1.0))
     for k in range(20):
-        action = swimming.act(state)
+        action = act_in(swimming, state)
         true = np.clip(policy(imu_readings(state[:, None])[0], 0.2 * k), -1.0, 1.0)
         np.testing.assert_allclose(action, true, atol=1e-4)
         state = predict(robot, state, action[None].astype(float))[1][:, 0]

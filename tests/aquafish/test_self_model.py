@@ -32,8 +32,8 @@ def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray
     seen, states = [], []
     for stroke in STROKES:
         lanes.advance(scale_action(stroke)[None], 20)
-        states.append(lanes.rows()[:, 0])
-        seen.append(imu_readings(lanes.rows())[0])
+        states.append(lanes.states[:, 0].copy())
+        seen.append(imu_readings(lanes.states)[0])
         seen[-1][6:] += noise * rng.standard_normal(3)
     return np.array(seen), np.array(states)
 
@@ -49,7 +49,7 @@ def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
 
 @given(st.lists(st.floats(-0.3, 0.3), min_size=ERROR_SIZE, max_size=ERROR_SIZE))
 def test_difference_undoes_moved(error: list[float]) -> None:
-    state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).rows()[:, 0]
+    state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).states[:, 0]
     found = state_errors(moved(state, np.array([error])), state)[0]
 
     np.testing.assert_allclose(found, error, atol=1e-12)

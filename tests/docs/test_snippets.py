@@ -22,7 +22,6 @@ SMALLER = {
         "EvolveConfig(generations=1, random_candidates=6, restarts=1, poses=2, seed=0"
     ),
     "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
-    "learn(4096)": "learn(2048)",
     "learn(300_000)": "learn(6_400)",
 }
 PAGES = {

@@ -14,14 +14,15 @@ CONDITIONS = ("ideal", "none", "in-band", "out-of-band-100", "out-of-band")
 
 
 def measured() -> dict[str, list[str]]:
-    """Return what the map must say of each ablation: a condition, its effect and its star."""
+    """Return what the map must say of each ablation with an effect: conditions and effects."""
     found: dict[str, list[str]] = {}
     for effect in SUMMARY["effects"]:
         condition = next(c for c in CONDITIONS if effect["first"].endswith(f"-{c}"))
         last = effect["rows"][0]["last_round"]
         low, high = last["interval"]
-        star = "" if low <= 0.0 <= high else "\\*"
-        words = f"{arm_label(condition, 100)} {signed(last['mean'])}{star}"
+        if low <= 0.0 <= high:
+            continue
+        words = f"{arm_label(condition, 100)} {signed(last['mean'])}"
         found.setdefault(effect["first"].removesuffix(f"-{condition}"), []).append(words)
     return found
 

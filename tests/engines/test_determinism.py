@@ -38,7 +38,7 @@ def trials():  # type: ignore[no-untyped-def]
 def whole_log(trials, dtype, steps=100, rows=slice(None), **options) -> bytes:  # type: ignore[no-untyped-def]
     """Return all that a batch logs, as bytes."""
     lanes = lane_batch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype, **options)
-    return as_bytes(lanes.advance(trials.commands[rows], steps, "pose"))
+    return as_bytes(lanes.log(trials.commands[rows], steps, "pose"))
 
 
 def as_bytes(log: ImuLog, robot: int | slice = slice(None)) -> bytes:
@@ -67,7 +67,7 @@ def alone(trials):  # type: ignore[no-untyped-def]
     logs = {}
     for dtype in DTYPES:
         lanes = lane_batch(trials.morphologies, trials.fin_angles, dtype=dtype)
-        log = lanes.advance(trials.commands, 40, "pose")
+        log = lanes.log(trials.commands, 40, "pose")
         logs[dtype] = [as_bytes(log, i) for i in range(COUNT)]
     return logs
 
@@ -78,7 +78,7 @@ def alone(trials):  # type: ignore[no-untyped-def]
 def test_no_robot_minds_its_batch(trials, alone, dtype, rows: list[int]) -> None:  # type: ignore[no-untyped-def]
     """In any order, batch size and company, even its own."""
     lanes = lane_batch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype)
-    log = lanes.advance(trials.commands[rows], 40, "pose")
+    log = lanes.log(trials.commands[rows], 40, "pose")
     assert [as_bytes(log, i) for i in range(len(rows))] == [alone[dtype][i] for i in rows]
 
 
@@ -90,8 +90,8 @@ def test_a_copied_batch_goes_on_identically(trials, dtype, again) -> None:  # ty
     lanes = lane_batch(trials.morphologies, trials.fin_angles, (0.1, 0.2, 0.0), dtype)
     lanes.advance(trials.commands, 37)
     twin = again(lanes)
-    first = as_bytes(twin.advance(trials.commands, 50, "pose"))
-    assert as_bytes(lanes.advance(trials.commands, 50, "pose")) == first
+    first = as_bytes(twin.log(trials.commands, 50, "pose"))
+    assert as_bytes(lanes.log(trials.commands, 50, "pose")) == first
     assert twin.steps_done == lanes.steps_done == 87
 
 
@@ -106,7 +106,7 @@ lanes.compile_kernel = lambda *a, **k: used.append(inner(*a, **k)) or used[-1]
 trials, found = random_trials(40), {}
 for dtype in (np.float32, np.float64):
     batch = lane_batch(trials.morphologies, trials.fin_angles, dtype=dtype)
-    log = batch.advance(trials.commands, 200, "pose")
+    log = batch.log(trials.commands, 200, "pose")
     fields = ("rpy", "gyro", "position", "quaternion", "fin_angles")
     parts = [np.ascontiguousarray(getattr(log, f)).tobytes() for f in fields]
     code = "".join(used[-1].inspect_asm(s) for s in used[-1].signatures) if INSPECT else ""

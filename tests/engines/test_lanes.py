@@ -33,9 +33,9 @@ def trials() -> Trial:
 
 def test_a_run_in_parts_is_the_run_in_one(trials: Trial) -> None:
     bodies, commands, angles = trials
-    whole = lane_batch(bodies, angles).advance(commands, 100, "pose")
+    whole = lane_batch(bodies, angles).log(commands, 100, "pose")
     parts = lane_batch(bodies, angles)
-    logs = [parts.advance(commands, n, "pose") for n in (1, 37, 62)]
+    logs = [parts.log(commands, n, "pose") for n in (1, 37, 62)]
     assert_array_equal(np.concatenate([log.rpy for log in logs], axis=1), whole.rpy)
     for name in ("gyro", "position", "quaternion"):
         joined = np.concatenate([getattr(log, name) for log in logs], axis=1)

@@ -305,5 +305,5 @@ def test_fast_action_check_agrees_with_the_general_one(action: list[float]) -> N
 
 def test_a_world_that_is_not_finished_is_refused() -> None:
     for face in (AquaFishEnv, AquaFishVectorEnv):
-        with pytest.raises(InvalidArgumentError, match="World lacks _start, _swim, close"):
+        with pytest.raises(InvalidArgumentError, match="World lacks _start, _swim, _update, close"):
             face(engine=World)

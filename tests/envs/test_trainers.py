@@ -196,15 +196,6 @@ def test_rl_zoo_trains_and_keeps_what_it_learned(tmp_path: pathlib.Path, algorit
     assert re.findall(r"^(AquaFish\S*):", settings, re.M) == list(IDS)
 
 
-def test_the_pages_torchrl_runs() -> None:
-    pytest.importorskip("torchrl")
-    text = PAGE.read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```py\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    names: dict[str, Any] = {"__name__": "train"}
-    exec(compile(code, PAGE.name, "exec"), names)
-    assert names["rollout"].batch_size == (64, 200)
-
-
 @pytest.mark.parametrize(("trainer", "package"), [("torchrl", "torchrl"), ("minari", "minari")])
 def test_a_block_of_the_page_scores_its_policy(
     trainer: str, package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -235,7 +235,7 @@ def test_divergence_terminates_one_robot(mode: str) -> None:
     action = actions(6, 1)[0]
     good = env.step(action)[0]
     other.step(action)
-    env._swimmers._table(env._swimmers._states, 25)[:, 1] = np.nan
+    env._swimmers.states[:, 1] = np.nan
     seen, reward, terminated, truncated, info = env.step(action)
     expected = other.step(action)[0]
     assert terminated.tolist() == [False, True, False]
@@ -261,7 +261,7 @@ def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
     single.reset(seed=1)
     good, *_ = env.step(action)
     single.step(action[1])
-    env._swimmers._table(env._swimmers._states, 25)[row, 1] = speed
+    env._swimmers.states[row, 1] = speed
     single._robot.world._numbers[row] = speed  # type: ignore[attr-defined]
     seen, reward, terminated, _, info = env.step(action)
     one, score, ended, _, told = single.step(action[1])

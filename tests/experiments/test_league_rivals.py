@@ -146,7 +146,7 @@ def test_numpy_evaluates_a_policy_as_torch_does(
     robots, state = make_robots(1), None
     robots.reset()
     seen = robots._begin(np.ones(6, bool), 5)  # all at once
-    agent.begin(robots._fins[0])
+    agent.begin(robots._inputs.fin_angles[0])
     w, begins = policy.weights, np.ones(6, bool)
     frames = np.zeros((6, policy.frames, 20))
     for _ in range(12):

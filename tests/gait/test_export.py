@@ -210,7 +210,7 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
             loop["held"] = observed[:, None]
         lanes.run(
             program.function, weights, program.layout, controller.interval, controller.interval,
-            loop=loop,
+            loop,
         )  # fmt: skip
         left, right, caudal = loop["action"][:, 0].astype(np.float32)
         assert (half * left, half * right, half + half * caudal) == tuple(expected)

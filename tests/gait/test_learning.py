@@ -47,7 +47,7 @@ def swum(env: Any, stacked: Any, act: Any) -> tuple[NDArray[np.float64], NDArray
     """Return the poses from which robots swam an episode under a policy, and how far."""
     env.seed(3)
     observed = stacked.reset()
-    poses, done = env._fins.copy(), np.zeros(1)
+    poses, done = env._inputs.fin_angles.copy(), np.zeros(1)
     while not done.any():
         observed, _, done, _ = stacked.step(act(observed))
     return poses, env.earned

@@ -110,11 +110,11 @@ class Lanes(Swimmer):
     def _march(self, bodies, states, commands, h, steps, current, *_):  # type: ignore[no-untyped-def]
         substeps = round(TIMESTEP / h)
         lanes = lane_batch(bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps)
-        lanes._table(lanes._states, len(states))[:] = states
+        lanes.states[: len(states)] = states
         samples, rest = divmod(steps, substeps)
         assert rest == 0, "a whole number of samples"
         lanes.advance(commands, samples)
-        return lanes._table(lanes._states, len(states)).astype(np.float64)
+        return lanes.states[: len(states)].astype(np.float64)
 
 
 class Single(Swimmer):
@@ -128,7 +128,7 @@ class Single(Swimmer):
     def _march(self, bodies, states, commands, _h, steps, current, *_):  # type: ignore[no-untyped-def]
         ends, world = [], CompiledWorld()
         for body, row, command in zip(bodies, states.T, commands, strict=True):
-            world.reset(Scenario.create(body, current=current))
+            world.start(Scenario.create(body, current=current))
             world._numbers[STATE_ENTRIES] = row[STATE_ENTRIES]
             world.advance(tuple(command.tolist()), steps)
             ends.append(flatten(world.state()))
@@ -154,7 +154,7 @@ class Bullet(Swimmer):
             ends = []
             for body, row, command in zip(bodies, states.T, commands, strict=True):
                 angles = angles_of_rows(row)
-                world.reset(Scenario.create(body, fin_angles=angles, current=current))
+                world.start(Scenario.create(body, fin_angles=angles, current=current))
                 place(world, row)
                 world._push = pushed(world._push, push, wet)  # which reset chooses
                 world.advance(tuple(command.tolist()), steps)

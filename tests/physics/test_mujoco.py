@@ -30,7 +30,7 @@ STILL = (0.0, 0.0, 0.0)
 def started(trial: int, current: tuple[float, float, float] = STILL, finer: int = 1) -> MujocoWorld:
     world = MujocoWorld(substeps=finer)
     angles = TRIALS.fin_angles[trial]
-    world.reset(Scenario.create(TRIALS.morphologies[trial], fin_angles=angles, current=current))
+    world.start(Scenario.create(TRIALS.morphologies[trial], fin_angles=angles, current=current))
     return world
 
 
@@ -47,7 +47,7 @@ def test_joints_follow_their_commands() -> None:
     command, angles = np.array((0.5, -0.5, 1.0)), np.array((3.0, -2.0, 1.0))
     for body in (Morphology.nominal().to_array(), MAXIMA, np.zeros(9)):
         world = MujocoWorld()
-        world.reset(Scenario.create(body, fin_angles=angles, current=(0.0, -20.0, 0.0)))
+        world.start(Scenario.create(body, fin_angles=angles, current=(0.0, -20.0, 0.0)))
         for step in range(1, 101):
             world.advance(tuple(command))
             left, right, phase = angles + 2 * math.pi * command * step * TIMESTEP
@@ -92,7 +92,7 @@ def test_an_environment_swims_in_mujocos_water(kind: type[MujocoWorld]) -> None:
     env = gym.make("AquaFish-v0", engine=kind, current=(0.1, 0.0, 0.0), fin_angles=(0.5, 1.0, 2.0))
     env.reset(seed=0)
     world = kind()
-    world.reset(Scenario.create(fin_angles=(0.5, 1.0, 2.0), current=(0.1, 0.0, 0.0)))
+    world.start(Scenario.create(fin_angles=(0.5, 1.0, 2.0), current=(0.1, 0.0, 0.0)))
     for _ in range(20):
         info = env.step(action)[-1]
         world.advance(servo_speeds(tuple(action.tolist())), 20)
@@ -107,7 +107,7 @@ def test_damage_strikes_in_mid_swim(kind: type[MujocoWorld]) -> None:
     sizes, gains = 0.5 * whole.body, (0.0, -1.0, 0.5)
     broken = Scenario.create(sizes, servo_gain=gains, current=(0.0, 0.3, 0.0))
     world, command = kind(), (0.5, 0.4, 1.0)
-    world.reset(whole)
+    world.start(whole)
     world.advance(command, 300)
     before, angles, masses = world.state(), world.fin_angles, world.model.body_mass[2:]
     world.update(broken)
@@ -138,4 +138,4 @@ def test_mujocos_water_has_no_options_of_ours() -> None:
         with pytest.raises(
             InvalidArgumentError, match=r"reactive must be False and drag and fin density 1;"
         ):
-            BoxWorld().reset(Scenario.create(**other))
+            BoxWorld().start(Scenario.create(**other))

@@ -109,7 +109,7 @@ def test_lanes_are_plain_python_to_the_last_bit(trials, on: bool) -> None:  # ty
     u = (0.2, -0.1, 0.3)
     lanes = lane_batch(bodies, angles, u, np.float64, **({"reactive": True} if on else {}))
     lanes.advance(commands, 12)
-    for body, command, angle, row in zip(bodies, commands, angles, lanes.rows().T, strict=True):
+    for body, command, angle, row in zip(bodies, commands, angles, lanes.states.T, strict=True):
         robot, state = robot_of(body), at_rest(tuple(float(a) for a in angle))
         by = drive(tuple(float(c) for c in command), 0.01)
         for _ in range(12):
@@ -154,11 +154,11 @@ def test_width_batch_and_threads_change_nothing(trials, options: dict[str, int])
     for more in (options, {"threads": 1}):
         lanes = lane_batch(bodies, angles, dtype=np.float64, reactive=True, **more)  # type: ignore[arg-type]
         lanes.advance(commands, 1000)
-        rows.append(lanes.rows())
+        rows.append(lanes.states)
     assert_array_equal(rows[0], rows[1])
     one = lane_batch(bodies[5:6], angles[5:6], dtype=np.float64, reactive=True)
     one.advance(commands[5:6], 1000)
-    assert_array_equal(one.rows()[:, 0], rows[0][:, 5])
+    assert_array_equal(one.states[:, 0], rows[0][:, 5])
 
 
 @pytest.mark.parametrize("bad", ["yes", 1, None])
@@ -188,7 +188,7 @@ def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
     for _ in range(20):
         high = rng.integers(0, 2, (len(bodies), 3))
         lanes.advance(np.where(high, [0.5, 0.5, 1.0], [-0.5, -0.5, 0.0]), 10)
-    rows = lanes.rows()
+    rows = lanes.states
     assert rows.shape[1] * 200 > 1e5
     assert np.isfinite(rows).all()
     assert abs(rows[7:13]).max() < 30

@@ -75,6 +75,7 @@ SETTINGS = {
     "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
+QUICK = PaperConfig(condition="none", steps=64, rounds=1)
 NAMES = "empty list, list of text"
 NOISE = {"nuisances": "none", "noise": "none, fraction, big"}
 ROWS = [
@@ -139,7 +140,7 @@ ROWS = [
         {"target": "target"},
     ),
     Call(
-        EEA(Pendulum(), Pendulum(), PENDULUM, PaperConfig(condition="none", steps=64, rounds=1)).run,
+        EEA(Pendulum(), Pendulum(), PENDULUM, QUICK).run,
         {"progress": listen},
         options(progress=f"none, {CALLABLE}"),
     ),
@@ -222,7 +223,8 @@ ROWS = [
         options(
             simulate=CALLABLE, nuisances="empty list, empty mapping",
             hypotheses="none, empty list", parts="empty mapping", units="empty mapping",
-            whole="empty mapping", each_trial="empty list", prior="none", hidden="empty list, list of text",
+            whole="empty mapping", each_trial="empty list", prior="none",
+            hidden="empty list, list of text",
             discrepancy="none", loudest="fraction, big, infinity",
         ),
     ),

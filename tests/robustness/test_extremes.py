@@ -74,9 +74,8 @@ def test_a_million_steps_of_extreme_robots_are_finite(bodies: str, dtype: str) -
     for name, value in info.items():
         assert value.dtype == object or np.isfinite(value).all(), name
     state = env._swimmers.state()
-    for name, value in state.items():
-        assert np.isfinite(value).all(), name
-    np.testing.assert_allclose(np.linalg.norm(state["quaternion"], axis=1), 1.0, atol=1e-5)
+    assert np.isfinite(env._swimmers.states).all()
+    np.testing.assert_allclose(np.linalg.norm(state.orientation, axis=0), 1.0, atol=1e-5)
     # No robot is faster than the water that carries it and what its fins can do.
     speeds = np.stack([info[f"{axis}_velocity"] for axis in "xyz"])
     assert np.abs(speeds).max() < 60
@@ -121,7 +120,7 @@ BLOWS = {
 def state_rows(env: Any) -> NDArray[Any]:
     """View the compiled robots' own states, (22 or more, B), to be written to."""
     if isinstance(env, AquaFishVectorEnv):
-        return env._swimmers._table(env._swimmers._states, layout.STATE_ROWS)
+        return env._swimmers.states
     return env._robot.world._numbers[STATE_ENTRIES, None]
 
 
@@ -228,7 +227,7 @@ def test_a_swim_of_a_batch_that_diverged_has_no_distance(monkeypatch: pytest.Mon
     class SickBatch(lanes.LaneBatch):
         def run(self, *args: Any, **kwargs: Any) -> Any:
             if self.batch > 1:
-                self._table(self._states, layout.STATE_ROWS)[layout.FIELDS["spin"], 1] = NAN
+                self.states[layout.FIELDS["spin"], 1] = NAN
             return super().run(*args, **kwargs)
 
     monkeypatch.setattr(lanes, "LaneBatch", SickBatch)

@@ -33,7 +33,7 @@ def simulate_bullet(
         one = scenario.take(i)
         world = BulletWorld(substeps)
         try:
-            world.reset(one)
+            world.start(one)
             series = [triple(command) for command in commands[i].reshape(-1, 3)]
             for begin, end, change in one.segments(steps):
                 if change is not None:

@@ -147,11 +147,14 @@ class BulletWorld(World):
         put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
         self.diverged = False
         self.position, self.orientation = rest.position, rest.orientation
-        self.velocity = self.world_spin = rest.velocity
+        # It is upright, facing +y: the body's axes are the world's.
+        self.velocity = triple(scenario.velocity[0])
+        self.world_spin = triple(scenario.spin[0])
         self._set(scenario)
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
+        self._set_velocity()
 
-    def update(self, scenario: Scenario) -> None:
+    def _update(self, scenario: Scenario) -> None:
         self._check_usable()
         was = self._column
         self._set(scenario)
@@ -165,7 +168,12 @@ class BulletWorld(World):
         p.resetBasePositionAndOrientation(
             self._robot, self.position, self.orientation, physicsClientId=client
         )
-        p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
+        self._set_velocity()
+
+    def _set_velocity(self) -> None:
+        self._bullet.resetBaseVelocity(
+            self._robot, self.velocity, self.world_spin, physicsClientId=self._client
+        )
 
     def set_current(self, current: Triple) -> None:
         self._current = triple(current)

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym import command, sense
-from aquafish_gym.command import lane_servo_speeds
-from aquafish_gym.engines.compiled import episode, policies, recording
+from aquafish_gym.command import lane_servo_speeds, late_command
+from aquafish_gym.engines.compiled import episode, lag, policies, recording
 from aquafish_gym.engines.compiled.episode import (
     ACTION_ROW,
     BEFORE_ROW,
@@ -42,6 +42,7 @@ from aquafish_gym.engines.compiled.episode import (
     put_memory,
     sensed,
 )
+from aquafish_gym.engines.compiled.lag import arrived, begin_lag, remember
 from aquafish_gym.engines.compiled.policies import OPEN_LOOP
 from aquafish_gym.engines.compiled.recording import (
     BLOCK,
@@ -75,22 +76,32 @@ from aquafish_gym.sense import way_to
 CompiledPolicy = Callable[..., Vector]
 
 
+def _driven(gain: Vector, command: Vector, h: float) -> Any:
+    """Return the drive of servos that follow a command."""
+    return drive((gain[0] * command[0], gain[1] * command[1], gain[2] * command[2]), h)
+
+
 def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
     return (memory[0], memory[1], memory[2])
 
 
 @functools.cache
 def compile_kernel(
-    policy: CompiledPolicy, width: int, reactive: bool = False, functions: Any = None
+    policy: CompiledPolicy,
+    width: int,
+    reactive: bool = False,
+    functions: Any = None,
+    late: bool = False,
 ) -> Any:
     """Return the compiled loop for a policy at a lane width; it compiles lazily.
 
     ``reactive`` brings in the terms of ``physics/reactive.py``; ``functions`` are those of the
-    task that a closed loop does, if any (``envs.tasks.TaskFunctions``). The loop runs groups
-    ``begin`` to ``end`` and may be called from several threads at once.
+    task that a closed loop does, if any (``envs.tasks.TaskFunctions``). ``late`` is whether any
+    robot's servos have a lag. The loop runs groups ``begin`` to ``end`` and may be called from
+    several threads at once.
     """
     register()
-    for module in (sys.modules[__name__], episode, recording, command, policies, sense):
+    for module in (sys.modules[__name__], episode, lag, recording, command, policies, sense):
         register_module(module)
     register_module(sys.modules[policy.__module__])
     simd.inlined(policy)
@@ -100,7 +111,7 @@ def compile_kernel(
     remembers = judged and functions.remember is not None
     current_of = functions.current if flows else _no_function
     goal_of = functions.goal if aims else _no_function
-    remember: Any = functions.remember if remembers else _no_function
+    recall: Any = functions.remember if remembers else _no_function
     rewards: Any = functions.rewards if judged else _no_function
     make_step: Any = functions.make_step if judged else _no_function
     register_module(sys.modules[rewards.__module__])
@@ -111,12 +122,12 @@ def compile_kernel(
     swim = step_reactive if reactive else step
 
     def kernel(
-        parameters: Any, states: Any, conditions: Any, program: Any, task: Any, h: float,
-        clock: Any, output: Any, record: int, begin: int, end: int,
+        parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
+        h: float, clock: Any, output: Any, record: int, begin: int, end: int,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         weights, layout, episodes, noises, broken = program
-        first_step, steps, substeps, interval, early, phase = clock
+        first_step, steps, substeps, interval, phase = clock
         logs, spectra, roots, unit = output
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (ROBOT_ROWS * width)
@@ -126,6 +137,8 @@ def compile_kernel(
             np.empty(10 * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
+        whole = np.empty(width if late else 0, parameters.dtype)
+        scratch = np.empty(3 * width if late else 0, parameters.dtype)
         rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
         dt = interval * TIMESTEP
         for group in range(begin, end):
@@ -135,14 +148,21 @@ def compile_kernel(
             current = fetch_vector(conditions, CURRENT, group, groups, zero)
             gain = fetch_vector(conditions, SERVO_GAIN, group, groups, zero)
             kept, noise = episodes[group], noises[group]
+            if late:
+                share = begin_lag(conditions, group, groups, whole, zero)
+                older = arrived(given[group], whole, scratch, first_step - 1, zero)
+                depth = given[group].size // (3 * width)
             speeds = (zero, zero, zero)
             if closed:  # that of an action which goes on from the call before
                 speeds = lane_servo_speeds(fetch_vector(kept, ACTION_ROW, 0, 1, zero))
-            by = drive((gain[0] * speeds[0], gain[1] * speeds[1], gain[2] * speeds[2]), h)
-            in_block, held = 0, phase
+            by = _driven(gain, speeds, h)
+            in_block = 0
+            held = phase
+            asked = 0
             for t in range(steps):
                 # The policy commands the servos, ...
-                if held == 0 or t < early:
+                if held == 0 or (t == 0 and not closed):
+                    asked = t
                     time = (first_step + t) * (h * substeps)
                     if closed:
                         memory = fetch_memory(kept, zero)
@@ -166,7 +186,15 @@ def compile_kernel(
                         note_action(kept, action, speeds, state.position, dt)
                     else:
                         speeds = policy(weights, layout, group, groups, time, zero)
-                    by = drive((gain[0] * speeds[0], gain[1] * speeds[1], gain[2] * speeds[2]), h)
+                    if not late:
+                        by = _driven(gain, speeds, h)
+                # ... which may be late (they are steady once all have followed it), ...
+                if late:
+                    remember(given[group], first_step + t, speeds, width)
+                    if t - asked < depth:
+                        newer = arrived(given[group], whole, scratch, first_step + t, zero)
+                        by = _driven(gain, late_command(older, newer, share), h)
+                        older = newer
                 # ... the robot swims, ...
                 for _ in range(substeps):
                     state = swim(robot, state, by, current, h)
@@ -188,7 +216,7 @@ def compile_kernel(
                     )
                     note_reward(kept, rewards(task, done), state.velocity, state.spin)
                     if remembers:
-                        put_memory(kept, remember(task, done))
+                        put_memory(kept, recall(task, done))
                 # ... and what is asked for is recorded.
                 if record & SPECTRUM_BIT:
                     put_vector(series, 0, t, steps, scale(unit, state.spin))

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import CompiledPolicy, compile_kernel
+from aquafish_gym.engines.compiled.lag import GivenCommands
 from aquafish_gym.engines.compiled.policies import hold, perform
 from aquafish_gym.engines.compiled.recording import (
     GYRO_BIT,
@@ -25,28 +26,26 @@ from aquafish_gym.engines.compiled.recording import (
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
+from aquafish_gym.engines.worlds import Swimmers, check_lags, longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.layout import (
     CONDITION_ROWS,
     CURRENT,
-    FIELDS,
     ROBOT_ROWS,
     SERVO_GAIN,
     STATE_ROWS,
-    angles_of_rows,
     condition_rows,
     robot_parameters,
     start_rows,
 )
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.array_types import Reals
+from aquafish_gym.utils.array_types import Floats, Reals
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 Selection = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
-    "nothing": 0,
     "rpy": RPY_BIT,
     "gyro": GYRO_BIT,
     "attitude": RPY_BIT | GYRO_BIT,
@@ -85,12 +84,12 @@ def _helpers(_process: int) -> ThreadPoolExecutor:
 _ready: set[tuple[Any, str]] = set()  # kernels that are compiled for a type
 
 
-class LaneBatch:
+class LaneBatch(Swimmers):
     """The B robots of a scenario, which live in the lanes between calls.
 
-    ``rates`` are those of the joints at the start, (B, 3) in rad/s. ``width`` is how many robots
-    share a register; None takes what the machine has. No result depends on it. The scenario's lag
-    and schedule are for :func:`simulate_lanes`; its sensors' faults are left to others.
+    ``width`` is how many robots share a register; None takes what the machine has. No result
+    depends on it. A trial that begins in mid-series has ``rates`` of the joints at the start,
+    (B, 3) in rad/s, and commands (B, D, 3) that were ``given`` in the D steps before.
     """
 
     def __init__(
@@ -101,6 +100,7 @@ class LaneBatch:
         threads: int | None = None,
         width: int | None = None,
         rates: ArrayLike = (0.0, 0.0, 0.0),
+        given: Floats | None = None,
     ) -> None:
         self.batch = len(scenario)
         self.dtype = dtype
@@ -118,69 +118,82 @@ class LaneBatch:
         self._parameters = pack(
             robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
         )
-        self._conditions = pack(condition_rows(scenario.current, scenario.servo_gain))
+        self._conditions = pack(_conditions(scenario))
         self._states = pack(_states(scenario, rates))
         self._commands = pack(np.zeros((3, self.batch)))
+        self._everyone = np.arange(self.batch)
+        self._longest_lag = longest_lags(scenario).copy()
+        self._given = GivenCommands(self.batch, self.width, dtype)
+        self._remember()
+        if given is not None and self._given.depth:
+            self._given.put(given[:, -self._given.depth :])
 
-    def restart(self, rows: Selection, scenario: Scenario) -> None:
+    def start(self, scenario: Scenario, rows: Selection | None = None) -> None:
         """Put the robots ``rows``, a mask (B,) or numbers (n,), at the start of a scenario of n."""
-        self.update(rows, scenario)
-        self._table(self._states, STATE_ROWS)[:, rows] = _states(scenario)
+        rows = self._everyone if rows is None else rows
+        self._longest_lag[rows] = longest_lags(scenario)
+        self._remember()
+        self._given.forget(rows)
+        self.update(scenario, rows)
+        self.states[:, rows] = _states(scenario)
 
-    def update(self, rows: Selection, scenario: Scenario, keep_current: bool = False) -> None:
-        """Give the robots ``rows`` the bodies, drag, water and servos of a scenario in mid-swim.
+    def update(
+        self, scenario: Scenario, rows: Selection | None = None, keep_current: bool = False
+    ) -> None:
+        """Give the robots ``rows`` bodies, drag, water and servos of a scenario in mid-swim.
 
-        They stay where they are and keep their velocities; with ``keep_current`` their water also
-        moves on as it does.
+        With ``keep_current`` their water moves on as it does. Raises InvalidArgumentError as
+        :class:`~aquafish_gym.engines.worlds.Swimmers` says.
         """
+        rows = self._everyone if rows is None else rows
+        check_lags(scenario, self._longest_lag[rows])
         parameters = robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
         self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
         first = SERVO_GAIN if keep_current else CURRENT
-        conditions = condition_rows(scenario.current, scenario.servo_gain)
-        self._table(self._conditions, CONDITION_ROWS)[first:, rows] = conditions[first:]
+        self._table(self._conditions, CONDITION_ROWS)[first:, rows] = _conditions(scenario)[first:]
 
-    def set_current(self, currents: NDArray[np.float64]) -> None:
-        """Set the water's velocity for each robot, (B, 3), units/s in the world."""
-        self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = currents.T
+    def set_current(self, current: Floats) -> None:
+        """Set the velocity of the water (B, 3) from now on, units/s in the world."""
+        self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = current.T
 
     def advance(
-        self,
-        commands: NDArray[np.float64],
-        steps: int,
-        record: str = "nothing",
-        lag: ArrayLike = 0.0,
-        interval: int = 1,
-        begun: int = 0,
-    ) -> ImuLog:
-        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s; return the log.
-
-        Or perform a series of them, (B, K, 3), each for ``interval`` steps and the last to the end,
-        which began ``begun`` steps before this batch did. The servos follow after ``lag`` () or
-        (B,), in s.
-        """
-        series = commands[:, None] if commands.ndim == 2 else commands
-        count = series.shape[1]
-        if count == 1 and not np.any(lag):
-            return self.run(hold, self._pack_commands(series), _NO_LAYOUT, steps, steps, record)
-        samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
-        weights = self._pack_commands(series, samples)
-        latest = math.ceil(samples.max())
-        layout = np.array([count, interval, begun, -(-latest // interval)])
-        # Once the last robot obeys the last of them, the command is steady.
-        early = (count - 1) * interval - begun + latest + 1 - self.steps_done
-        return self.run(perform, weights, layout, steps, steps, record, early)
-
-    def command_rows(self) -> Reals:
-        """Return the table (3, B) of the commands that :meth:`swim` obeys, to be written to."""
-        return self._table(self._commands, 3)
-
-    def swim(self, steps: int, after: Callable[[int, int], None] | None = None) -> None:
-        """Hold the commands of :meth:`command_rows` for ``steps``, and log nothing.
-
-        Call ``after(i, j)`` once robots i to j - 1 have swum, on their thread.
-        """
+        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
+    ) -> None:
+        """Hold commands (B, 3); see :class:`~aquafish_gym.engines.worlds.Swimmers`."""
+        self._check_commands(command)
+        self._table(self._commands, 3)[:] = command.T
         output = self._without_spectra(self._logs())
         self._run(hold, (self._commands, _NO_LAYOUT), steps, (steps, 0), output, 0, after=after)
+
+    def log(
+        self, commands: Floats, steps: int, record: str, interval: int = 1, begun: int = 0
+    ) -> ImuLog:
+        """Hold commands (B, 3) for ``steps``; return the log of ``record``, as of ``simulate``.
+
+        Or perform a series of them, (B, K, 3), each for ``interval`` steps and the last to the end,
+        which began ``begun`` steps before this batch did. What is not recorded is None in the log.
+        If the gyroscope alone is, the attitude is computed at the end only: the angles of
+        ``states`` may then differ from a log's by whole turns.
+        """
+        series = commands[:, None] if commands.ndim == 2 else commands
+        program = (self._pack_commands(series), np.array([series.shape[1], interval, begun]))
+        asking = (interval, (begun + self.steps_done) % interval)
+        policy: CompiledPolicy = perform
+        if series.shape[1] == 1:
+            policy = hold
+            asking = (steps, 0)
+        bits = _RECORDS[record]
+        logs = self._logs(steps, bits)
+        self._run(policy, program, steps, asking, self._without_spectra(logs), bits)
+        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
+        return ImuLog(
+            rpy=rpy if bits & RPY_BIT and record != "gyro" else None,
+            gyro=gyro if bits & GYRO_BIT else None,
+            position=pose[:, :, :3] if bits & POSE_BIT else None,
+            quaternion=pose[:, :, 3:7] if bits & POSE_BIT else None,
+            fin_angles=pose[:, :, 7:] if bits & POSE_BIT else None,
+            diverged=self.diverged,
+        )
 
     def run(
         self,
@@ -189,36 +202,18 @@ class LaneBatch:
         layout: NDArray[np.int64],
         steps: int,
         interval: int,
-        record: str = "nothing",
-        early: int = 0,
-        loop: ClosedLoop | None = None,
-    ) -> ImuLog:
-        """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
+        loop: ClosedLoop,
+    ) -> None:
+        """Let a policy that observes (see ``kernel.py``) act every ``interval`` steps."""
+        asking = (interval, self.steps_done % interval)
+        output = self._without_spectra(self._logs())
+        self._run(policy, (weights, layout), steps, asking, output, 0, loop)
 
-        In the first ``early`` steps of this call it does so in each. ``loop`` is what a policy that
-        is not open-loop needs. What is not recorded is None in the log. If an open-loop policy
-        records the gyroscope alone, or nothing, the attitude is computed at the end only. The
-        angles of ``state()`` may then differ from a log's by whole turns.
-        """
-        bits = _RECORDS[record]
-        logs = self._logs(steps, bits)
-        output = self._without_spectra(logs)
-        self._run(policy, (weights, layout), steps, (interval, early), output, bits, loop)
-        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
-        return ImuLog(
-            rpy=rpy if bits & RPY_BIT and record != "gyro" else None,
-            gyro=gyro if bits & GYRO_BIT else None,
-            position=pose[:, :, :3] if bits & POSE_BIT else None,
-            quaternion=pose[:, :, 3:7] if bits & POSE_BIT else None,
-            fin_angles=pose[:, :, 7:] if bits & POSE_BIT else None,
-            diverged=self.diverged(),
-        )
-
-    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Reals:
+    def spectra(self, commands: Floats, steps: int, scale: float = 1.0) -> Reals:
         """Hold commands (B, 3) for ``steps``, a power of two; return the spectra of the gyroscope.
 
         They are (B, 2, F') as in ``spectrum.py``, of ``scale`` times the rad/s about x, y and z.
-        The attitude is computed only at the end, as in :meth:`run`. Spectra of robots that diverged
+        The attitude is computed only at the end, as in :meth:`log`. Spectra of robots that diverged
         are not finite.
 
         Raises
@@ -244,14 +239,23 @@ class LaneBatch:
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         return logs, np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name), 1.0
 
-    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Reals:
-        """Return a policy's weights: commands (B, ...), and ``more`` tables (rows, B)."""
+    def _pack_commands(self, commands: Floats) -> Reals:
+        """Return a policy's weights: commands (B, ...)."""
+        self._check_commands(commands)
+        flat = commands.reshape(self.batch, math.prod(commands.shape[1:]))
+        return pack_rows(flat.T, self.dtype, self.width)
+
+    def _check_commands(self, commands: Floats) -> None:
         if len(commands) != self.batch:  # a shorter table would be read beyond its end
             raise InvalidArgumentError(
                 f"commands must be those of {self.batch} robots; got {len(commands)}"
             )
-        flat = commands.reshape(self.batch, math.prod(commands.shape[1:]))
-        return pack_rows(np.concatenate([flat.T, *more]), self.dtype, self.width)
+
+    def _remember(self) -> None:
+        """Remember as many commands as the longest lag asks for."""
+        longest = float(self._longest_lag.max(initial=0.0))
+        if longest:
+            self._given.extend(remembered_steps(longest), self.steps_done)
 
     def _run(
         self,
@@ -264,16 +268,20 @@ class LaneBatch:
         loop: ClosedLoop | None = None,
         after: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Run the kernel on as many threads as are worth it; ``asking`` is interval and early."""
+        """Run the kernel on as many threads as are worth it.
+
+        The policy is asked whenever an interval is over, of which ``asking`` says its steps and how
+        many have passed. One that is open-loop is also asked first.
+        """
         functions, task = (loop.functions, loop.task) if loop else (None, ())
-        kernel = compile_kernel(policy, self.width, self.reactive, functions)
+        late = self._given.depth > 0
+        kernel = compile_kernel(policy, self.width, self.reactive, functions, late)
         program = (*program, *(loop.program if loop else self._no_loop))
         h = TIMESTEP / self.substeps
-        phase = self.steps_done % asking[0] if loop else 0
-        clock = (self.steps_done, steps, self.substeps, *asking, phase)
+        clock = (self.steps_done, steps, self.substeps, *asking)
 
         def part(begin: int, end: int) -> None:
-            tables = self._parameters, self._states, self._conditions
+            tables = (self._parameters, self._states, self._conditions, self._given.table)
             kernel(*tables, program, task, h, clock, output, bits, begin, end)
             if after is not None:
                 after(begin * self.width, min(end * self.width, self.batch))
@@ -297,40 +305,16 @@ class LaneBatch:
                 other.result()
         self.steps_done += steps
 
-    def diverged(self) -> NDArray[np.bool_]:
-        """Return which robots (B,) have left the finite numbers."""
-        return np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0))
+    @property
+    def states(self) -> Reals:
+        """The states (25, B) themselves: those of ``State``, then roll, pitch and yaw.
 
-    def rows(self) -> NDArray[np.float64]:
-        """Return a copy of the states (25, B): the numbers of ``State``, then rpy."""
-        return self._table(self._states, STATE_ROWS).astype(np.float64)
-
-    def state_rows(self) -> Reals:
-        """Return the states (25, B) themselves, not a copy."""
+        What is written to them is where the robots swim on.
+        """
         return self._table(self._states, STATE_ROWS)
-
-    def place(self, rows: NDArray[np.float64]) -> None:
-        """Set the states (25, B), as :meth:`rows` returns them."""
-        self._table(self._states, STATE_ROWS)[:] = rows
 
     def close(self) -> None:
         """Do nothing: lanes hold memory alone."""
-
-    def state(self) -> dict[str, NDArray[np.float64]]:
-        """Return copies of what the robots are now, (B, 3) or (B, 4) each.
-
-        As in :class:`~aquafish_gym.ImuLog`; ``velocity`` in the world, ``rates`` of the joints.
-        """
-        rows = self.rows()
-        return {
-            "quaternion": rows[FIELDS["orientation"]].T,
-            "position": rows[FIELDS["position"]].T,
-            "velocity": rows[FIELDS["velocity"]].T,
-            "gyro": rows[FIELDS["spin"]].T,
-            "fin_angles": angles_of_rows(rows).T,
-            "rates": rows[FIELDS["rates"]].T,
-            "rpy": rows[FIELDS["rpy"]].T,
-        }
 
     def _table(self, flat: Reals, rows: int) -> Reals:
         """View a flat table as (rows, B)."""
@@ -338,5 +322,10 @@ class LaneBatch:
         return view
 
 
-def _states(scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+def _conditions(scenario: Scenario) -> Floats:
+    lag = scenario.servo_lag / TIMESTEP
+    return condition_rows(scenario.current, scenario.servo_gain, lag)
+
+
+def _states(scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
     return start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates)

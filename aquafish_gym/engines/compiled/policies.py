@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from aquafish_gym.physics.arithmetic import Number, Vector, add, fetch, scale, where_less
+from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.physics.layout import fetch_vector
 from aquafish_gym.scenario import TIMESTEP
 
@@ -24,40 +24,17 @@ def hold(weights: Any, _layout: Any, group: int, groups: int, _time: float, like
     return fetch_vector(weights, 0, group, groups, like)
 
 
-def _share(x: Any) -> Any:
-    """Return x clipped to [0, 1]."""
-    return where_less(x, 0.0, 0.0, where_less(x, 1.0, x, 1.0))
-
-
-def _obeyed(
-    weights: Any, layout: Any, group: int, groups: int, at: int, sample: int, late: Any
-) -> Vector:
-    """Return what command ``at`` of a series contributes to the servos' speed in a sample."""
-    count, held = layout[0], layout[1]
-    share = _share(float(sample + 1 - at * held) - late)
-    if at < count - 1:
-        share = share - _share(float(sample + 1 - (at + 1) * held) - late)
-    return scale(share, fetch_vector(weights, 3 * at, group, groups, late))
-
-
 def perform(
     weights: Any, layout: Any, group: int, groups: int, time: float, like: Number
 ) -> Vector:
-    """Perform a series of commands, each held for some samples, the last to the end.
+    """Perform a series of commands, each held for some steps, the last to the end.
 
-    ``layout`` holds the number of commands, the samples that each is held, the samples of the
-    series that passed before the first step, and how many commands before the present one may
-    still be obeyed. ``weights`` has three rows for each command, in turn, and one more: the
-    servos' lag in samples. In a sample in which one command follows another, the servos turn at
-    the mean of the two, weighted by time, so that their angles are continuous in the lag.
+    ``layout`` holds the number of commands, the steps that each is held, and the steps of the
+    series that passed before the first one. ``weights`` has three rows for each command, in turn.
     """
-    late = fetch(weights, 3 * layout[0] * groups + group, like)
-    sample = math.floor(time / TIMESTEP + 0.5) + layout[2]
-    newest = min(sample // layout[1], layout[0] - 1)
-    total = _obeyed(weights, layout, group, groups, newest, sample, late)
-    for at in range(newest - 1, max(newest - layout[3], 0) - 1, -1):
-        total = add(total, _obeyed(weights, layout, group, groups, at, sample, late))
-    return total
+    step = math.floor(time / TIMESTEP + 0.5) + layout[2]
+    command = min(step // layout[1], layout[0] - 1)
+    return fetch_vector(weights, 3 * command, group, groups, like)
 
 
 OPEN_LOOP = (hold, perform)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aquafish_gym.command import lag_parts, late_command
 from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.worlds import longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Floats
 
 
 def simulate_lanes(
     scenario: Scenario,
-    commands: NDArray[np.float64],
+    commands: Floats,
     steps: int,
     dtype: type[np.floating],
     substeps: int,
@@ -23,32 +25,38 @@ def simulate_lanes(
     begun: int,
 ) -> ImuLog:
     """Simulate a scenario with the compiled engine; see :func:`aquafish_gym.simulate`."""
+    given = None
     rates = np.zeros((len(scenario), 3))
     if begun:
-        rates = _joint_rates(scenario, commands, TIMESTEP / substeps, interval, begun)
-    lanes = LaneBatch(scenario, dtype, substeps, threads, rates=rates)
+        given = _given_before(scenario, commands, interval, begun)
+        rates = _joint_rates(scenario, given, TIMESTEP / substeps)
+    lanes = LaneBatch(scenario, dtype, substeps, threads, rates=rates, given=given)
     logs = []
     for begin, end, change in scenario.segments(steps):
         if change is not None:
-            lanes.update(change.rows, change.to)
-        logs.append(
-            lanes.advance(commands, end - begin, record, scenario.servo_lag, interval, begun)
-        )
+            lanes.update(change.to, change.rows)
+        logs.append(lanes.log(commands, end - begin, record, interval, begun))
     return join_logs(logs)
 
 
-def _joint_rates(
-    scenario: Scenario, commands: NDArray[np.float64], h: float, interval: int, begun: int
-) -> NDArray[np.float64]:
-    """Return how fast the joints (B, 3) turn when trials begin in mid-series, rad/s."""
-    # The sample before the first one, of which each command takes a share.
+def _given_before(scenario: Scenario, commands: Floats, interval: int, begun: int) -> Floats:
+    """Return the last commands of a series (B, D, 3) of which ``begun`` steps have passed."""
     series = commands.reshape(len(scenario), -1, 3)
-    ends = begun - scenario.servo_lag / TIMESTEP
-    first = interval * np.arange(series.shape[1])
-    followed = np.clip(ends[:, None] - first, 0.0, 1.0)
-    share = followed - np.append(followed[:, 1:], np.zeros((len(scenario), 1)), axis=1)
-    mean = scenario.servo_gain * np.einsum("bk,bkc->bc", share, series)
-    rates: NDArray[np.float64] = 2.0 * np.pi * mean
+    depth = remembered_steps(float(longest_lags(scenario).max(initial=0.0)))
+    steps = np.arange(begun - depth, begun)
+    given = series[:, np.clip(steps // interval, 0, series.shape[1] - 1)]
+    given[:, steps < 0] = 0.0
+    return given
+
+
+def _joint_rates(scenario: Scenario, given: Floats, h: float) -> Floats:
+    """Return how fast the joints (B, 3) turn after they were ``given`` commands, rad/s."""
+    whole, share = lag_parts(scenario.servo_lag / TIMESTEP)
+    newer = given.shape[1] - 1 - whole.astype(np.intp)
+    robots = np.arange(len(scenario))
+    older_command, newer_command = (given[robots, at].T for at in (newer - 1, newer))
+    followed = np.array(late_command(tuple(older_command), tuple(newer_command), share)).T
+    rates: Floats = 2.0 * np.pi * (scenario.servo_gain * followed)
     phase = scenario.fin_angles[:, 2]
     rates[:, 2] = SWEEP * (np.sin(phase) - np.sin(phase - rates[:, 2] * h)) / h
     return rates

@@ -89,12 +89,13 @@ class CompiledWorld(World):
         self._reactive = False
 
     def _start(self, scenario: Scenario) -> None:
-        self._numbers[STATE_ENTRIES] = start_rows(scenario.fin_angles)[STATE_ENTRIES, 0]
+        start = start_rows(scenario.fin_angles, scenario.velocity, scenario.spin)
+        self._numbers[STATE_ENTRIES] = start[STATE_ENTRIES, 0]
         self._reactive = scenario.reactive
         self.diverged = False
-        self.update(scenario)
+        self._update(scenario)
 
-    def update(self, scenario: Scenario) -> None:
+    def _update(self, scenario: Scenario) -> None:
         self._numbers[ROBOT_ENTRIES] = robot_parameters(
             scenario.body, scenario.drag, scenario.fin_density
         )[:, 0]

@@ -52,12 +52,12 @@ def swim(
     lanes = LaneBatch(Scenario.create(fin_angles=FINS), np.float64, threads=1)
     for command in commands[:BEFORE]:
         lanes.advance(command[None], HOLD)
-    state = lanes.rows()[:, 0]
-    lanes.update(np.array([0]), robot)
-    felt = [lanes.state()["gyro"][0]]
+    state = lanes.states[:, 0].copy()
+    lanes.update(robot)
+    felt = [np.ravel(lanes.state().spin)]
     for command in commands[BEFORE:]:
         lanes.advance(command[None], HOLD)
-        felt.append(lanes.state()["gyro"][0])
+        felt.append(np.ravel(lanes.state().spin))
     log = SwimLog(
         np.round(DT * np.arange(actions + 1), 9),
         np.array(felt) + noise * rng.standard_normal((actions + 1, 3)),

@@ -30,7 +30,7 @@ def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0)
     rng, world = np.random.default_rng(seed), CompiledWorld()
     left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
     scenario = Scenario.create(BODY, fin_angles=(left, right, phase))
-    world.reset(scenario)
+    world.start(scenario)
     commands = np.repeat(
         rng.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], (-(-samples // 25), 3)), 25, axis=0
     )[:samples]

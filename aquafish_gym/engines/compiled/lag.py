@@ -1,0 +1,89 @@
+"""Servos that are late, in the compiled loop: a ring of each robot's last commands.
+
+The command of step n of 0.01 s stands in entry n % D of a ring of D. In a register each robot has
+a lag of its own, so that its commands are copied from their entries one robot after another.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aquafish_gym.command import lag_parts
+from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
+from aquafish_gym.physics.layout import SERVO_LAG, fetch_vector, put_vector
+from aquafish_gym.utils.array_types import Floats, Reals
+
+
+class GivenCommands:
+    """The last commands that B robots were given; 0 before the first one.
+
+    Attributes
+    ----------
+    table
+        What the kernel takes of it: (groups, D x 3 x width), D being 0 as long as no robot is late.
+    """
+
+    def __init__(self, batch: int, width: int, dtype: type[np.floating]) -> None:
+        robots = np.arange(batch)
+        self._group, self._lane = divmod(robots, width)
+        self._width = width
+        self.table: Reals = np.zeros((-(-batch // width), 0), dtype)
+
+    @property
+    def depth(self) -> int:
+        """For how many steps commands are remembered, the present one included."""
+        return int(self.table.shape[1]) // (3 * self._width)
+
+    def extend(self, depth: int, steps_done: int) -> None:
+        """Remember the commands of at least ``depth`` steps, from now on."""
+        before = self._entries()
+        if depth <= len(before):
+            return
+        self.table = np.zeros((len(self.table), depth * 3 * self._width), self.table.dtype)
+        last = steps_done - 1 - np.arange(len(before))
+        self._entries()[last % depth] = before[last % max(len(before), 1)]
+
+    def forget(self, rows: Any) -> None:
+        """Let the robots that ``rows`` selects, as numpy would from (B,), start."""
+        self._entries()[:, :, self._group[rows], self._lane[rows]] = 0.0
+
+    def put(self, commands: Floats) -> None:
+        """Set the commands (B, D, 3) of the last D steps before step 0."""
+        self._entries()[:, :, self._group, self._lane] = commands.transpose(1, 2, 0)
+
+    def _entries(self) -> Reals:
+        """View the table as (D, 3, groups, width)."""
+        groups = len(self.table)
+        view: Reals = self.table.reshape(groups, self.depth, 3, self._width).transpose(1, 2, 0, 3)
+        return view
+
+
+def begin_lag(conditions: Any, group: int, groups: int, whole: Any, like: Number) -> Number:
+    """Note the whole lags (width,) of a register's robots; return their newer commands' shares."""
+    found, share = lag_parts(fetch(conditions, SERVO_LAG * groups + group, like))
+    put(whole, 0, found)
+    return share
+
+
+def remember(given: Any, step: int, command: Vector, width: int) -> None:
+    """Let a register's robots remember the command of a step."""
+    depth = given.size // (3 * width)
+    put_vector(given, 3 * (step % depth), 0, 1, command)
+
+
+def arrived(given: Any, whole: Any, scratch: Any, step: int, like: Number) -> Vector:
+    """Return the command that was given to each robot of a register its whole lag before a step."""
+    width = whole.size
+    depth = given.size // (3 * width)
+    now = step % depth
+    for lane in range(width):
+        entry = now - int(whole[lane])
+        if entry < 0:
+            entry += depth
+        first = 3 * entry * width + lane
+        scratch[lane] = given[first]
+        scratch[lane + width] = given[first + width]
+        scratch[lane + 2 * width] = given[first + 2 * width]
+    return fetch_vector(scratch, 0, 0, 1, like)

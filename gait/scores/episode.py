@@ -1,0 +1,55 @@
+"""The loop of an episode: an agent acts in an environment of one robot, or of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+class Transition(NamedTuple):
+    """One step of an environment; of a batch of E robots, its arrays have E rows."""
+
+    action: ArrayLike  #: (3,) or (E, 3) what the agent returned.
+    observation: NDArray[np.float32]  #: What it observes next.
+    reward: Any
+    terminated: Any  #: Whether a robot left the finite numbers.
+    truncated: Any  #: Whether the time is over.
+    info: dict[str, Any]
+    was_over: Any  #: Whether a robot's episode was over before this step.
+
+
+def transitions(
+    env: Any, act: Callable[[Any], ArrayLike], observation: Any
+) -> Iterator[Transition]:
+    """Yield the steps of an episode that is under way, until those of all robots are over.
+
+    What the caller does with a step comes before the agent's next action.
+
+    Parameters
+    ----------
+    env
+        An environment of Gymnasium, of one robot or a batch, that was reset.
+    act
+        Returns actions, (3,) or (E, 3), for observations, (k,) or (E, k).
+    observation
+        What the environment returned last.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> env = gym.make("AquaFish-v0", engine="numba")
+    >>> observation, _ = env.reset(seed=0)
+    >>> steps = list(transitions(env, lambda seen: (0.0, 0.0, -1.0), observation))
+    >>> len(steps), steps[-1].truncated
+    (100, True)
+    """
+    over: Any = np.False_
+    while not np.all(over):
+        action = act(observation)
+        taken = np.asarray(action, np.float32)
+        observation, reward, terminated, truncated, info = env.step(taken)
+        yield Transition(action, observation, reward, terminated, truncated, info, over)
+        over = over | terminated | truncated
