@@ -195,7 +195,7 @@ def test_sessions_are_never_split(folder: Path, monkeypatch: pytest.MonkeyPatch)
         asked.append((known, judged))
         lost = np.array([0.0, 0.0, 2.0, 0.0])
         ends = np.stack([lost, lost - 0.6, lost + 0.6], axis=1)
-        return Verdict(0.1, lost, lost, ends, np.full(4, 1.5))
+        return Verdict(True, 0.1, lost, lost, ends, np.full(4, 1.5))
 
     monkeypatch.setattr(drones, "infer", recorded)
     table = drones_table(folder)
@@ -210,6 +210,7 @@ def test_sessions_are_never_split(folder: Path, monkeypatch: pytest.MonkeyPatch)
     assert table["named"] == 0.5
     assert table["held_90_if_cut"] == pytest.approx(1 / 3)
     assert table["false_alarms"] == table["healthy_flights"] == 8
+    assert table["would_not_show_mm"] == 1.5
     assert "| since a known condition, mm | 0.50 |" in drones_text(table)
     draw_drones(table["found"], folder / "drones.png")
     assert (folder / "drones.png").stat().st_size > 1000
@@ -226,6 +227,7 @@ def test_a_cut_is_found_with_its_interval_and_a_whole_drone_is_not_named(tmp_pat
     hovers = [hover(flight) for flight in flights(tmp_path)]
     known = Known(LEVEL, np.array(start), SPREAD)
     found = infer(known, [one for one in hovers if not one.flight.healthy], NOISE)
+    assert found.broken
     assert found.nothing < 0.05
     assert found.mean.argmax() == 2
     middle, low, high = found.if_cut[2]
@@ -233,6 +235,7 @@ def test_a_cut_is_found_with_its_interval_and_a_whole_drone_is_not_named(tmp_pat
     assert abs(middle - 3.5) < 0.8
     assert high - low < 4.0
     whole = infer(known, [one for one in hovers if one.flight.healthy], NOISE)
+    assert not whole.broken
     assert whole.nothing > 0.5
     assert (whole.median == 0.0).all()
     assert ((whole.hidden > 0.3) & (whole.hidden < 3.0)).all()
