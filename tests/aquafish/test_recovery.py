@@ -23,10 +23,12 @@ from PIL import Image
 
 from aquafish.cli import main
 from aquafish.online.gaits import load_library
+from aquafish.recovery import figures
 from aquafish.recovery.page import report_page
 from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.rendering import film
 from aquafish_gym.runs.command_line import read_morphology
 from gait.controllers.controller import Controller
 from tests.browser import browser
@@ -39,6 +41,9 @@ SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6
          "10",
          "--search-population", "10", "--direct-generations", "2", "--poses", "2",
          "--seconds", "2", "--target-engine", "numba", "--no-film")  # fmt: skip
+
+
+FAST_TREATMENTS = ("undamaged", "none", "joint", "oracle-neat", "oracle", "oracle-fins")
 
 
 class Done(NamedTuple):
@@ -179,18 +184,6 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
             assert body == controller.morphology
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_missing_treatments_are_run_again_to_the_byte(study: Path, again: Path) -> None:
-    shutil.rmtree(again / "seed-001" / "out-of-band")
-    (again / "seed-000" / "oracle" / "outcome.json").unlink()
-    done = recover(again, *SMALL, "--replicates", "2", "--redraw")
-    assert done.returncode == 2
-    assert "lacks seed 0, oracle" in done.stderr or "lacks seed 1, out-of-band" in done.stderr
-    done = recover(again, *SMALL, "--seeds", "2", "--workers", "1")
-    assert done.returncode == 0, done.stderr
-    assert results(again) == results(study)
-
-
 def test_without_pybullet_nothing_is_missing(study: Path, again: Path) -> None:
     outcome = "seed-000/out-of-band/outcome.json"
     (again / outcome).unlink()
@@ -242,20 +235,23 @@ def test_another_configuration_in_the_same_folder_is_refused(study: Path) -> Non
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_interrupted_study_resumes(study: Path, again: Path) -> None:
-    removed = tuple(TREATMENTS)[-5:]
-    for treatment in removed:
-        shutil.rmtree(again / "seed-001" / treatment)
+def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> None:
+    shutil.rmtree(again / "seed-001" / "out-of-band")
+    for treatment in FAST_TREATMENTS:
+        (again / "seed-001" / treatment / "outcome.json").unlink()
+    done = recover(again, *SMALL, "--replicates", "2", "--redraw")
+    assert done.returncode == 2
+    assert "lacks seed 1, " in done.stderr
     whole = 2 * len(TREATMENTS)
     process = begin(again, "--replicates", "2", "--workers", "1")
-    wait_for_outcomes(process, again, whole - len(removed) + 1)
+    wait_for_outcomes(process, again, whole - len(FAST_TREATMENTS))
     os.kill(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.splitlines()[-1].endswith("the same command resumes")
     assert "Traceback" not in errors
     assert len(list(again.glob("seed-*/*/outcome.json"))) < whole
-    assert recover(again, *SMALL, "--replicates", "2", "--workers", "1").returncode == 0
+    assert recover(again, *SMALL, "--seeds", "2", "--workers", "1").returncode == 0
     assert results(again) == results(study)
 
 
@@ -272,12 +268,18 @@ def test_the_example_is_the_command(
     assert results(again) == results(study)
 
 
-def test_redraw_adds_the_film(again: Path) -> None:
+def test_redraw_adds_the_film(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def draw_small(swims: Any, path: Path, width: int, height: int, *a: Any, **k: Any) -> None:
+        film(swims, path, width // 10, height // 10, *a, **k)
+
+    monkeypatch.setattr(figures, "film", draw_small)
+    monkeypatch.setattr(figures, "save_figure", lambda *_: None)
+    monkeypatch.setattr(figures, "encode_figure", lambda *_: b"<svg/>")
     words = [word for word in SMALL if word != "--no-film"]
     done = recover(again, *words, "--replicates", "2", "--redraw")
     assert done.returncode == 0, done.stderr
-    with Image.open(again / "film.webp") as film:
-        assert film.n_frames > 10
+    with Image.open(again / "film.webp") as drawn:
+        assert drawn.n_frames > 10
     assert "(film.webp)" in (again / "report.md").read_text()
 
 

@@ -19,7 +19,7 @@ from aquafish_gym.engines.worlds import Swimmers, World, make_world
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import STATE_NUMBERS
 from aquafish_gym.rollout import rollout
-from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import program_of

@@ -18,16 +18,6 @@ from instruments.verification.trials import lane_batch, random_trials, rotations
 
 COUNT = 35  # no multiple of any width
 ROUNDING = {np.float32: 3e-7, np.float64: 1e-15}
-# Each width is compiled anew, which takes ten seconds; test_determinism.py has compiled these.
-QUICK_WIDTHS = {np.float32: 4, np.float64: 1}
-WIDTHS = [
-    pytest.param(
-        dtype, width, id=f"{np.dtype(dtype)}-{width}",
-        marks=() if width == QUICK_WIDTHS[dtype] else pytest.mark.slow,
-    )
-    for dtype in ROUNDING
-    for width in (1, 4, 8, 16)
-]  # fmt: skip
 dtypes = pytest.mark.parametrize("dtype", ROUNDING)
 
 
@@ -77,15 +67,16 @@ def test_no_spectrum_depends_on_threads_or_batch(dtype: type[np.floating]) -> No
     whole = spectra(32, dtype)
     np.testing.assert_array_equal(spectra(32, dtype, threads=3), whole)
     # Only work that is worth it is split.
-    width = QUICK_WIDTHS[dtype]
-    one, three = (spectra(512, dtype, width=width, threads=threads) for threads in (1, 3))
+    one, three = (spectra(1024, dtype, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(three, one)
     t = random_trials(COUNT, 0)
     some = lane_batch(t.morphologies[9:12], t.fin_angles[9:12], dtype=dtype)
     np.testing.assert_array_equal(some.spectra(t.commands[9:12], 32, 2.0), whole[9:12])
 
 
-@pytest.mark.parametrize(("dtype", "width"), WIDTHS)
+@pytest.mark.slow  # each width is compiled by itself, which takes ten seconds
+@dtypes
+@pytest.mark.parametrize("width", [1, 4, 8, 16])
 def test_no_spectrum_depends_on_the_width(dtype: type[np.floating], width: int) -> None:
     np.testing.assert_array_equal(spectra(32, dtype, width=width), spectra(32, dtype))
 

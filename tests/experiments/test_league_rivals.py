@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from aquafish.online.gaits import load_library
 from aquafish_gym import Morphology
-from experiments.league import policies
+from experiments.league import archive, policies
 from experiments.league.archive import SIZE, Archive, Varied, varied
 from experiments.league.entrants import ENTRANTS, MADE, Entry
 from experiments.league.episodes import Episode, play
@@ -114,7 +115,8 @@ def test_direct_search_keeps_the_better_of_two_gaits() -> None:
     assert (agent.best()[0].bias == better.bias).all()
 
 
-def test_the_archive_holds_gaits_of_many_descriptors() -> None:
+def test_the_archive_holds_gaits_of_many_descriptors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, "load_library", cache(load_library))  # each gait reads it
     gaits, paces, descriptors, offline = load_archive(MADE / "archive.json")
     assert len(gaits) == len(paces) == len(descriptors) > 300
     assert paces.max() > 0.5

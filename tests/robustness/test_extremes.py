@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import STATE_ENTRIES
+from aquafish_gym.envs import robots
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
-from aquafish_gym.rollout import one
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
@@ -255,7 +255,7 @@ def test_a_single_swim_that_diverged_ends_in_nan(
             # From then on, a servo that turns that fast.
             self.world.advance(command if self.steps <= 20 else (1e250, 1e250, 0.0))
 
-    monkeypatch.setattr(one, "make_world", lambda *_: SickWorld())
+    monkeypatch.setattr(robots, "make_world", lambda *_: SickWorld())
     path = swim(steady(), None, engine=engine, seconds=1.0)
     assert math.isnan(path.distance)
     assert path.time[-1] == 1.0
