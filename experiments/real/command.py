@@ -61,7 +61,7 @@ class RealRobot:
 class RealFish(RealRobot):
     """The robotic fish of Michigan State: predict swims of commands that it was never seen under.
 
-    DIR holds trainingData of github.com/giorgosmamakoukas/dataDrivenControlOfRoboticFish.
+    DIR is github.com/giorgosmamakoukas/dataDrivenControlOfRoboticFish.
     """
 
     name = "fish"
@@ -88,7 +88,7 @@ class RealFish(RealRobot):
 class RealDrones(RealRobot):
     """Two drones with cut propellers: what was lost since a log that is known.
 
-    DIR holds data of github.com/AerialRoboticsUUST/CrazyPAD.
+    DIR is github.com/AerialRoboticsUUST/CrazyPAD.
     """
 
     name = "drones"
@@ -115,7 +115,7 @@ class RealDrones(RealRobot):
 class RealAuv(RealRobot):
     """An AUV with four faults: what changed since fifty healthy swims.
 
-    DIR holds Dataset of github.com/sunyrain/MLTask (Mendeley 7rp2pmr6mx).
+    DIR is github.com/sunyrain/MLTask (Mendeley 7rp2pmr6mx).
     """
 
     name = "auv"

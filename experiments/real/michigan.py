@@ -60,7 +60,7 @@ class Run:
 
 
 def read(data: Path) -> list[Run]:
-    """Return the runs in a folder, by command and then by name.
+    """Return the runs in a folder, or in its ``trainingData``, by command and then by name.
 
     Raises
     ------
@@ -69,7 +69,9 @@ def read(data: Path) -> list[Run]:
     DamagedFileError
         If a run has other columns, is too short, or lacks frames.
     """
-    found = sorted(data.glob("Amp*Bias*/STATES*.txt"))
+    inner = data / "trainingData"
+    folder = inner if inner.is_dir() else data
+    found = sorted(folder.glob("Amp*Bias*/STATES*.txt"))
     if not found:
         raise InvalidArgumentError(
             "data must be the folder trainingData of giorgosmamakoukas/"
