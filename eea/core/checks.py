@@ -110,6 +110,7 @@ def whole(argument: str, value: Any, low: int, high: int | None = None) -> None:
 def real(argument: str, value: Any, low: float, high: float = math.inf) -> None:
     """Refuse ``value`` unless it is a finite number in [``low``, ``high``]."""
     number = isinstance(value, numbers.Real) and not isinstance(value, bool | np.timedelta64)
+    value = float(value) if isinstance(value, np.floating) else value
     sound = number and abs(value) <= sys.float_info.max and low <= value <= high
     span = f"of at least {low:g}" if math.isinf(high) else f"in [{low:g}, {high:g}]"
     _require(sound, argument, f"a finite number {span}", value)

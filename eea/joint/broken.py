@@ -13,40 +13,45 @@ import numpy as np
 
 from eea.joint.diagnostics import EQUAL_FIT_COST, LEAST_REPORTED_PROBABILITY
 from eea.joint.problem import Hypothesis
+from eea.joint.truncated_normal import log_mass
 
 if TYPE_CHECKING:
     from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
     from eea.joint.robot import Robot
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
+LEAST_PRECISION = 1e-9  # in 1/range^2: of a number that the trials do not determine
+FLAT_SD = 1e3  # of a range: a normal prior of this sd is flat
+MOST_SDS = 40.0  # that a change is tried up to
+TRIED_CHANGES = 8001
 
 
 def what_is_broken(posterior: JointPosterior) -> list[str]:
     """Return sentences on what may be broken, the most probable first."""
     robot = posterior.robot
-    best, *others = posterior.branches
-    likely = [b for b in others if b.probability > LEAST_REPORTED_PROBABILITY]
-    costs = [min(mode.cost for mode in b.posterior.modes) for b in posterior.branches]
-    excess = {
-        b.hypothesis.name: c - min(costs) for b, c in zip(posterior.branches, costs, strict=True)
-    }
-    said = [_stated(posterior, best)]
-    alike = [
-        b
-        for b in likely
-        if max(excess[b.hypothesis.name], excess[best.hypothesis.name]) < EQUAL_FIT_COST
-    ]
-    if alike:
-        ways = " or ".join(_stated(posterior, b) for b in alike)
-        hints = dict.fromkeys(b.hypothesis.hint for b in (best, *alike) if b.hypothesis.hint)
-        said[0] += f"; the data fit nearly alike if {ways}"
-        said[0] += f"; {', '.join(hints)} to find out" if hints else ""
-    said += [_stated(posterior, b) for b in likely if b not in alike]
-    if best.hypothesis.name == robot.nominal.name:
+    nominal = robot.nominal.name
+    likely = [b for b in posterior.branches if b.probability > LEAST_REPORTED_PROBABILITY]
+    causes = [b for b in likely if b.hypothesis.name != nominal]
+    costs = [min(mode.cost for mode in b.posterior.modes) for b in causes]
+    alike = [b for b, cost in zip(causes, costs, strict=True) if cost - min(costs) < EQUAL_FIT_COST]
+    said = []
+    for branch in likely:
+        if branch not in alike or len(alike) == 1:
+            said.append(_stated(posterior, branch))
+        elif branch is alike[0]:
+            first, *rest = (_stated(posterior, b) for b in alike)
+            hints = dict.fromkeys(b.hypothesis.hint for b in alike if b.hypothesis.hint)
+            told = f"{first}; the data fit nearly alike if {' or '.join(rest)}"
+            said.append(told + (f"; {', or '.join(hints)} to find out" if hints else ""))
+    if likely[0].hypothesis.name == nominal:
         least = {name: would_not_show(posterior, name) for name in moved_alone(robot)}
-        small = [f"{n} below {with_unit(x, robot, n)}" for n, x in least.items() if x is not None]
+        small = [
+            f"of {name}" + (f" by less than {with_unit(x, robot, name)}" if x < math.inf else "")
+            for name, x in least.items()
+            if x is not None
+        ]
         if small:
-            said.append(f"a change would not show of {', '.join(small)}")
+            said.append(f"a change {' or '.join(small)} would not show")
     return said
 
 
@@ -58,14 +63,17 @@ def _stated(posterior: JointPosterior, branch: HypothesisPosterior) -> str:
     numbers = []
     for name in hypothesis.moves:
         middle, low, high = table.get(name) or table[f"{name}@1"]
-        numbers.append(f"{name} {with_unit(middle, robot, name)}, {low:.3g} to {high:.3g}")
+        width = max((high - low) / max(abs(low), abs(high), 1e-300), 1e-9)
+        digits = max(3, 1 - math.floor(math.log10(width)))  # two of the interval's width
+        told = with_unit(middle, robot, name, digits)
+        numbers.append(f"{name} {told}, {low:.{digits}g} to {high:.{digits}g}")
     told = f"{hypothesis.name} ({branch.probability:.0%})"
     return f"{told}: {'; '.join(numbers)}" if numbers else told
 
 
-def with_unit(value: float, robot: Robot, name: str) -> str:
+def with_unit(value: float, robot: Robot, name: str, digits: int = 3) -> str:
     """Return a number with the unit of a parameter or nuisance, where it has one."""
-    return f"{value:.3g} {robot.units.get(name, '')}".strip()
+    return f"{value:.{digits}g} {robot.units.get(name, '')}".strip()
 
 
 def moved_alone(robot: Robot) -> dict[str, Hypothesis]:
@@ -74,42 +82,52 @@ def moved_alone(robot: Robot) -> dict[str, Hypothesis]:
     for hypothesis in robot.alternatives:
         if len(hypothesis.moves) == 1 and hypothesis.changes == 1:
             (name,) = hypothesis.moves
-            alone.setdefault(name, hypothesis)
+            if name not in robot.each_trial:
+                alone.setdefault(name, hypothesis)
     return alone
 
 
 def would_not_show(posterior: JointPosterior, name: str) -> float | None:
     """Return the least change of a number that would be named; smaller ones would not show.
 
-    It is where the evidence for the change and for none are equal, to second order. With the
-    standard deviation s to which the trials determine the number, and a change that may be anywhere
-    in a range of width w, of odds o beforehand::
+    It is where the evidence for the change and for none are equal, if all is normal. The trials
+    determine a change x to a standard deviation s, and beforehand it is normal with mean m and sd w
+    within its bounds, and of odds o. Then, with v^2 = s^2 + w^2, ::
 
-        o sqrt(2 pi) s / w exp(x^2 / (2 s^2)) = 1
+        log odds = log(o s / v) + x^2 / (2 s^2) - (x - m)^2 / (2 v^2)
+                   + log(mass within the bounds after the trials / before)
 
-    and likewise for a normal prior of the change. None where that hypothesis was not fitted.
+    None where that hypothesis was not fitted, infinity where no change within the range would show.
     """
-    hypothesis = moved_alone(posterior.robot).get(name)
-    branches = {branch.hypothesis.name: branch for branch in posterior.branches}
-    if hypothesis is None or hypothesis.name not in branches:
+    robot = posterior.robot
+    hypothesis = moved_alone(robot).get(name)
+    branches = [b for b in posterior.branches if hypothesis and b.hypothesis is hypothesis]
+    if hypothesis is None or not branches:
         return None
-    branch = branches[hypothesis.name]
-    parameters = branch.parameters
-    names = [one.partition("@")[0] for one in parameters.names]
-    i = names.index(name)
-    low, high = parameters.natural(np.stack([np.zeros(len(names)), np.ones(len(names))]))[:, i]
-    mode = branch.posterior.modes[0]
-    spread = np.sqrt(np.linalg.pinv(mode.information, hermitian=True)[i, i]) * (high - low)
-    known = posterior.robot.prior
-    if known is not None and name in known.names:  # what it was is not known exactly
-        at = known.names.index(name)
-        spread = math.hypot(spread, known.covariance[at, at] ** 0.5 * (high - low))
-    odds = hypothesis.odds / posterior.robot.nominal.odds
-    wide = hypothesis.moves[name].sd
-    if math.isinf(wide):
-        ends = (parameters.high - parameters.low)[i] * (high - low)
-        ratio = odds * math.sqrt(2.0 * math.pi) * spread / ends
-        return float(spread * math.sqrt(2.0 * max(-math.log(ratio), 0.0)))
-    ratio = odds * spread / math.hypot(spread, wide)
-    narrowed = 1.0 / spread**2 - 1.0 / (spread**2 + wide**2)
-    return float(math.sqrt(2.0 * max(-math.log(ratio), 0.0) / narrowed))
+    parameters = branches[0].parameters
+    i = parameters.names.index(name)
+    low, high = robot.ranges[name]
+    span = high - low
+    # The change's own prior is no evidence.
+    information = branches[0].posterior.modes[0].information + LEAST_PRECISION * np.eye(
+        len(parameters)
+    )
+    precision = 1.0 / np.linalg.inv(information)[i, i] - parameters.prior_precision[i]
+    spread = span * max(precision, LEAST_PRECISION) ** -0.5
+    if robot.prior is not None and name in robot.prior.names:  # what it was is not known exactly
+        at = robot.prior.names.index(name)
+        spread = math.hypot(spread, span * robot.prior.covariance[at, at] ** 0.5)
+    change = hypothesis.moves[name]
+    ends = low + span * np.array([parameters.low[i], parameters.high[i]]) - robot.usual[name]
+    wide = min(change.sd, FLAT_SD * span)
+    both = math.hypot(spread, wide)
+    steps = spread * np.linspace(-MOST_SDS, MOST_SDS, TRIED_CHANGES)
+    tried = steps[(steps >= ends[0]) & (steps <= ends[1])][:, None]
+    after = (ends - (tried * wide**2 + change.mean * spread**2) / both**2) * both / (spread * wide)
+    before = (ends - change.mean) / wide
+    odds = math.log(hypothesis.odds / robot.nominal.odds * spread / both)
+    odds = (
+        odds + 0.5 * (tried[:, 0] / spread) ** 2 - 0.5 * ((tried[:, 0] - change.mean) / both) ** 2
+    )
+    odds = odds + log_mass(after[:, 0], after[:, 1]) - log_mass(before[0], before[1])
+    return float(np.abs(tried[odds > 0.0]).min(initial=math.inf))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import TargetError, choice, instance, whole
+from eea.core.checks import TargetError, choice, instance, real, whole
 from eea.core.result import handed_on
 from eea.joint.broken import what_is_broken
 from eea.joint.diagnostics import Fit, beyond_range, findings
@@ -110,15 +110,13 @@ class JointPosterior:
         parts: list[Posterior],
         count: int,
         rng: np.random.Generator,
-        branches: Sequence[HypothesisPosterior] = (),
     ) -> Floats:
-        """Return bodies (count, n) drawn from posteriors of hypotheses, of all by default."""
-        branches = branches or self.branches
-        shares = np.array([branch.probability for branch in branches])
+        """Return bodies (count, n) drawn from the hypotheses' posteriors."""
+        shares = np.array([branch.probability for branch in self.branches])
         bodies = [
             branch.parameters.models(part.sample(int(times), rng))
             for branch, part, times in zip(
-                branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
+                self.branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
             )
             if times
         ]
@@ -161,20 +159,29 @@ class JointPosterior:
         choice("hypothesis", hypothesis, known)
         return sum(b.probability for b in self.branches if b.hypothesis.name == hypothesis)
 
-    def broken(self, parameter: str, mass: float = 0.9) -> tuple[float, float, float] | None:
-        """Return the median and the interval of a parameter, given that it is not whole.
+    def broken(self, name: str, mass: float = 0.9) -> tuple[float, float, float] | None:
+        """Return the median and the interval of a number, given that it has changed.
 
         The mixture of all hypotheses has "nothing is broken" in it, whose value is a point. This is
-        of the hypotheses that move the parameter; None where none was fitted.
+        of the hypotheses that move a parameter or nuisance; None where none was fitted. A nuisance
+        that varies from trial to trial is that of the first.
         """
-        choice("parameter", parameter, self.robot.parameters)
-        moved = [b for b in self.branches if parameter in b.hypothesis.moves and b.probability > 0]
+        choice("name", name, {n: 0 for h in self.robot.alternatives for n in h.moves})
+        real("mass", mass, 0.0, 1.0)
+        moved = [b for b in self.branches if name in b.hypothesis.moves and b.probability > 0]
         if not moved:
             return None
-        i = list(self.robot.parameters).index(parameter)
-        parts = [b.doubted for b in moved]
-        drawn = self._mixed(parts, INTERVAL_SAMPLES, np.random.default_rng(0), moved)[:, i]
-        low, middle, high = np.quantile(drawn, [0.5 - mass / 2, 0.5, 0.5 + mass / 2]).tolist()
+        rng = np.random.default_rng(0)
+        shares = np.array([b.probability for b in moved])
+        drawn = []
+        for b, count in zip(
+            moved, rng.multinomial(INTERVAL_SAMPLES, shares / shares.sum()).tolist(), strict=True
+        ):
+            names = [one.removesuffix("@1") for one in b.parameters.names]
+            theta = b.doubted.sample(count, rng) if count else np.empty((0, len(names)))
+            drawn.append(b.parameters.natural(theta)[:, names.index(name)])
+        ends = [0.5 - mass / 2, 0.5, 0.5 + mass / 2]
+        low, middle, high = np.quantile(np.concatenate(drawn), ends).tolist()
         return middle, low, high
 
     def table(

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, brief, instance
+from eea.core.checks import ConfigurationError, all_of, brief
 from eea.joint.problem import Values
 from eea.joint.robot import Robot
 
@@ -138,10 +138,8 @@ class Observed:
     def of(cls, trials: Sequence[Trial], robot: Robot, noise: Noise | None = None) -> Observed:
         """Return recorded trials, which may be of unequal length and have missing samples."""
         channels = len(robot.channels)
-        if not len(trials):
+        if not all_of("trials", trials, Trial):
             raise ConfigurationError("trials must be one or more; got none")
-        for trial in trials:
-            instance("a trial", trial, Trial)
         signals: list[Floats] = [np.asarray(trial.signal) for trial in trials]
         for signal in signals:
             if signal.shape[1] != channels:
@@ -170,28 +168,19 @@ class Observed:
 
         Trials whose inputs have the same shape are simulated together.
         """
+        samples, channels = self.signal.shape[1:]
         if isinstance(self.inputs, np.ndarray):
-            return self._checked(_simulated(robot, values, self.inputs[trials], fine), len(trials))
+            some = _simulated(robot, values, self.inputs[trials], fine, (len(trials), samples))
+            return some[:, :samples]
         shapes = [None if one is None else one.shape for one in self.inputs]
-        signal = np.zeros((len(trials), *self.signal.shape[1:]))
-        for shape in dict.fromkeys(shapes):
+        signal = np.zeros((len(trials), samples, channels))
+        for shape in dict.fromkeys(shapes[trial] for trial in trials):
             rows = np.flatnonzero([shapes[trial] == shape for trial in trials])
-            if not len(rows):
-                continue
             own = {name: value[rows] for name, value in values.items()}
             inputs = None if shape is None else np.stack([self.inputs[e] for e in trials[rows]])
-            some = np.asarray(_simulated(robot, own, inputs, fine))
-            shorter = min(some.shape[1], signal.shape[1])
-            signal[rows, :shorter] = some[:, :shorter]
-        return signal
-
-    def _checked(self, signal: NDArray[Any], count: int) -> NDArray[Any]:
-        wanted = (count, *self.signal.shape[1:])
-        if signal.shape != wanted:
-            raise ConfigurationError(
-                f"simulate must return the shape (trials, samples, channels) = {wanted}; "
-                f"it returned {signal.shape}"
-            )
+            longest = max(self.counts[trial] for trial in trials[rows])
+            some = _simulated(robot, own, inputs, fine, (len(rows), longest))
+            signal[rows, :longest] = some[:, :longest]
         return signal
 
     @cached_property
@@ -284,10 +273,24 @@ class Observed:
         return SlowBasis(np.maximum(variances, 0.0), vectors)
 
 
-def _simulated(robot: Robot, values: Values, inputs: Any, fine: bool) -> NDArray[Any]:
+def _simulated(
+    robot: Robot, values: Values, inputs: Any, fine: bool, least: tuple[int, int]
+) -> NDArray[Any]:
+    """Return what a robot's simulator does, of at ``least`` (trials, samples)."""
     if robot.takes_precision:
-        return robot.simulate(values, inputs, fine)  # type: ignore[call-arg]
-    return robot.simulate(values, inputs)
+        signal = np.asarray(robot.simulate(values, inputs, fine))  # type: ignore[call-arg]
+    else:
+        signal = np.asarray(robot.simulate(values, inputs))
+    trials, samples = least
+    channels = len(robot.channels)
+    sound = signal.dtype.kind in "fiu" and signal.ndim == 3
+    if not (sound and signal[:, :samples].shape == (trials, samples, channels)):
+        raise ConfigurationError(
+            "simulate must return numbers of shape (trials, samples, channels) = "
+            f"({trials}, {samples} or more, {channels}); it returned {signal.dtype} of shape "
+            f"{signal.shape}"
+        )
+    return signal
 
 
 def spectrum(samples: int, duration: float) -> Floats:

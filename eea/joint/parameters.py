@@ -243,30 +243,30 @@ def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[st
 def _move(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
     """Write what a hypothesis moves, and how far, into the prior, in place.
 
-    A change adds to what was known. Bounds of the change count from the mean of what was known.
+    A change adds to what was known, and is the same in all trials. Its bounds count from the mean
+    of what was known.
     """
     for name, change in hypothesis.moves.items():
-        if name not in names:
-            continue
-        i = names.index(name)
-        place = robot.names.index(name)
-        ends = [(n.low, n.high) for n in robot.nuisance_list]
-        low, high = [*robot.parameters.values(), *ends][place]
-        was, spread = _was(robot, name, prior.mean[i], prior.information[i, i])
-        span = high - low
-        prior.low[i] = np.clip(was + change.low / span, 0.0, 1.0)
-        prior.high[i] = np.clip(was + change.high / span, 0.0, 1.0)
+        entries = [i for i, one in enumerate(names) if one.partition("@")[0] == name]
+        low, high = robot.ranges[name]
+        was = (robot.usual.get(name, 0.5 * (low + high)) - low) / (high - low)
+        prior.low[entries] = np.clip(was + change.low / (high - low), 0.0, 1.0)
+        prior.high[entries] = np.clip(was + change.high / (high - low), 0.0, 1.0)
+        block = np.ix_(entries, entries)
         if np.isfinite(change.sd):
-            prior.mean[i] = was + change.mean / span
-            prior.information[i, i] = 1.0 / (spread**2 + (change.sd / span) ** 2)
+            own = _variance(robot, name, prior.information[block])
+            prior.mean[entries] = was + change.mean / (high - low)
+            covariance = own * np.eye(len(entries)) + (change.sd / (high - low)) ** 2
+            prior.information[block] = np.linalg.inv(covariance)
+        else:
+            prior.information[block] = 0.0
 
 
-def _was(robot: Robot, name: str, mean: float, information: float) -> tuple[float, float]:
-    """Return the mean and the sd of a number before it moved, as shares of its range."""
+def _variance(robot: Robot, name: str, information: Floats) -> float:
+    """Return the variance of a number before it moved, as a share of its range squared."""
     if name in robot.whole:
-        low, high = robot.parameters[name]
-        return (robot.whole[name] - low) / (high - low), 0.0
+        return 0.0
     if robot.prior is not None and name in robot.prior.names:
         i = robot.prior.names.index(name)
-        return float(robot.prior.mean[i]), float(np.sqrt(robot.prior.covariance[i, i]))
-    return mean, float(information**-0.5) if information > 0.0 else 0.0
+        return float(robot.prior.covariance[i, i])
+    return float(1.0 / information[0, 0]) if information.any() else 0.0

@@ -132,12 +132,16 @@ class Hypothesis:
         for name, value in self.fixed.items():
             real(f"fixed {name}", value, -math.inf)
         mapping("moves", self.moves, Normal)
+        if both := sorted({*self.fixed} & {*self.moves}):
+            raise ConfigurationError(
+                f"{self.name!r} must fix or move a number, not both; got {both[0]} in both"
+            )
         for name in ("shared_angles", "freed"):
             object.__setattr__(self, name, all_of(name, getattr(self, name), str))
         text("part", self.part, empty=True)
         text("hint", self.hint, empty=True)
         whole("changes", self.changes, 0, 1000)
-        real("odds", self.odds, 0.0)
+        real("odds", self.odds, 1e-300)
 
 
 @dataclass(frozen=True)

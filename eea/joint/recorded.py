@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, choice, instance, real, whole
+from eea.core.checks import ConfigurationError, choice, instance, mapping, real, whole
 from eea.core.config import FitConfig
 from eea.core.session import MAXIMUM_SEED
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.joint.observed import Noise, Observed, Trial
+from eea.joint.parameters import Parameters
 from eea.joint.robot import Robot
 from eea.joint.search import Optima
 
@@ -66,9 +68,14 @@ def infer(
             "simulator leaves; got one"
         )
     whole("seed", seed, 0, MAXIMUM_SEED)
-    if config is None:
-        config = RECORDED_CONFIG
+    config = RECORDED_CONFIG if config is None else config
+    instance("config", config, FitConfig)
+    if config.noise is not None:
+        raise ConfigurationError(
+            f"config must have noise=None: noise is given by channel; got {config.noise:g}"
+        )
     observed = Observed.of(trials, robot)
+    _check_enough(robot, observed, config)
     rng = np.random.default_rng(seed)
     if noise is not None:
         known = noise if isinstance(noise, Noise) else _given(noise, robot)
@@ -76,17 +83,40 @@ def infer(
         return fit(
             replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
         )
-    guess = _first_guess(observed)
+    guess = first_guess(robot, observed)
     posterior: JointPosterior | None = None
     for _ in range(MOST_NOISE_ROUNDS):
         seen = replace(observed, noise=guess)
         posterior = fit(seen, robot, config, rng, posterior, progress)
-        found = noise_left([posterior.best_fit])
+        start = posterior.warm_start
+        assert start is not None
+        # While the guess is too loud, a hypothesis that is right may be unlikely.
+        fits = [one for one in start.optima.values() if one.regression.observed is seen]
+        found = noise_left([min(fits, key=lambda one: one.sigma)])
+        posterior = replace(posterior, warm_start=replace(start, dropped=frozenset()))
         if _alike(found, guess):
             break
         guess = found
     assert posterior is not None
     return posterior
+
+
+def _check_enough(robot: Robot, observed: Observed, config: FitConfig) -> None:
+    """Raise a ConfigurationError if trials are too short, or a change has nowhere to start."""
+    groups = robot.groups if config.nuisances is None else config.nuisances
+    for hypothesis in (robot.nominal, *robot.alternatives):
+        of = Parameters.of(robot, len(observed), groups, hypothesis, config.per_trial)
+        if observed.size <= of.unknowns:
+            raise ConfigurationError(
+                f"trials must have more samples than the {of.unknowns} unknowns if "
+                f"{hypothesis.name}; got {observed.size}"
+            )
+        for name in hypothesis.moves:
+            if name not in robot.usual:
+                raise ConfigurationError(
+                    f"moves of {hypothesis.name!r} must be of numbers that are in whole, or that "
+                    f"learn() has found; {name} is neither"
+                )
 
 
 def noise_left(optima: Sequence[Optima]) -> Noise:
@@ -134,7 +164,7 @@ def _determined(optima: Optima) -> float:
     return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
 
 
-def _first_guess(observed: Observed) -> Noise:
+def first_guess(robot: Robot, observed: Observed) -> Noise:
     """Return noise as loud as each channel's signal about its mean, and white."""
     there = np.isfinite(observed.signal)
     if observed.weight is not None:
@@ -143,12 +173,18 @@ def _first_guess(observed: Observed) -> Noise:
             (weight if weight.ndim == 3 else weight[:, :, None]) > 0.0, observed.signal.shape
         )
     rows = [observed.signal[:, :, c][there[:, :, c]] for c in range(observed.signal.shape[2])]
+    for name, row in zip(robot.channels, rows, strict=True):
+        if not len(row):
+            raise ConfigurationError(
+                f"a channel of unknown noise must have a sample in some trial; {name} has none"
+            )
     spread = [float(row.std()) or float(np.abs(row).max(initial=0.0)) or 1.0 for row in rows]
     return Noise(np.array(spread), np.zeros(len(spread)))
 
 
 def _given(noise: Mapping[str, float], robot: Robot) -> Noise:
     """Return known noise, by the channels' names, as it is reckoned with."""
+    mapping("noise", noise, numbers.Real)
     for name in noise:
         choice("noise", name, robot.channels)
     for name in robot.channels:

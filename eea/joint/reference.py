@@ -20,21 +20,22 @@ import numpy as np
 from scipy.special import stdtrit
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, instance
+from eea.core.checks import ConfigurationError, all_of, instance, real
 from eea.core.config import FitConfig
 from eea.joint.goodness_of_fit import FALSE_ALARM_RATE
 from eea.joint.joint_posterior import LEAST_SD, JointPosterior
-from eea.joint.observed import Noise, Trial
+from eea.joint.observed import Noise, Observed, Trial
 from eea.joint.parameters import FIXED_PRECISION
 from eea.joint.problem import Prior
-from eea.joint.recorded import infer, noise_left
+from eea.joint.recorded import first_guess, infer, noise_left
 from eea.joint.robot import Robot
 from eea.joint.search import Optima
 
 LEARNING_CONFIG = FitConfig(
     alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0
 )
-ROUNDS = 4  # of fits to all logs, each with the noise and the spread of the one before
+ROUNDS = 6  # of fits to all logs, each with the noise and the spread of the one before
+UNIFORM_PRECISION = 12.0  # in 1/range^2, of a number that a log does not determine
 NORMAL_95 = 1.6448536269514722
 
 
@@ -69,6 +70,7 @@ class Reference:
 
     def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
         """Return whether the robot as it was explains a log, at a rate of false alarms."""
+        real("alarm", alarm, 0.0, 1.0)
         whole = replace(self.robot, hypotheses=())
         fitted = infer(whole, [log], seed, LEARNING_CONFIG, self.noise, self.misfits)
         p = fitted.goodness.p
@@ -104,22 +106,23 @@ def learn(
         If there are fewer than two logs, or not as many labels as logs.
     """
     instance("robot", robot, Robot)
-    if len(known_good) < 2:
+    if len(all_of("known_good", known_good, Trial)) < 2:
         raise ConfigurationError(f"known_good must be two logs or more; got {len(known_good)}")
     labels = [0] * len(known_good) if sessions is None else list(sessions)
     if len(labels) != len(known_good):
         raise ConfigurationError(
             f"sessions must be one label for each of {len(known_good)} logs; got {len(labels)}"
         )
-    effort = replace(config or LEARNING_CONFIG, alternatives="never")
+    config = LEARNING_CONFIG if config is None else config
+    instance("config", config, FitConfig)
+    effort = replace(config, alternatives="never")
+    robot = replace(robot, nuisances=robot.nuisance_list)  # whose ranges the hypotheses widen
     whole = replace(robot, hypotheses=())
-    noise: Noise | None = None
-    fits: list[LogFit] = []
+    noise = first_guess(robot, Observed.of(known_good, robot))
     for _ in range(ROUNDS):
         fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
         noise = noise_left([one.optima for one in fits])
         whole = replace(whole, prior=_spread(fits, labels))
-    assert noise is not None
     wide = _spread(fits, labels, widened=True)
     whole = replace(whole, prior=wide)
     fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
@@ -135,7 +138,7 @@ class LogFit(NamedTuple):
     covariance: Floats  #: (k, k)
 
 
-def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise | None, seed: int) -> LogFit:
+def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise, seed: int) -> LogFit:
     posterior = infer(robot, [log], seed, config, noise)
     optima = posterior.best_fit
     branch = posterior.branches[0]
@@ -150,7 +153,8 @@ def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise | None, se
         and parameters.prior_precision[i] < FIXED_PRECISION
         and base not in starts
     ]
-    inverse = np.asarray(np.linalg.pinv(mode.information, hermitian=True), np.float64)
+    least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)
+    inverse = np.asarray(np.linalg.pinv(mode.information + np.diag(least), hermitian=True))
     covariance = inverse[np.ix_(entries, entries)]
     names = tuple(bases[i] for i in entries)
     return LogFit(optima, names, mode.theta[entries], covariance)
@@ -168,10 +172,11 @@ def _spread(fits: Sequence[LogFit], labels: Sequence[object], widened: bool = Fa
     means = np.array([theta[group].mean(axis=0) for group in groups])
     apart = theta - sum(np.outer(group, mean) for group, mean in zip(groups, means, strict=True))
     uncertain = np.mean([one.covariance for one in fits], axis=0)
-    within = apart.T @ apart / max(logs - count, 1) + uncertain
+    seen = apart.T @ apart / max(logs - count, 1)
+    within = seen + uncertain
     if count > 1:
-        each = logs / count
-        between = np.cov(means, rowvar=False).reshape(within.shape) - within / each
+        each = np.mean([1.0 / group.sum() for group in groups])
+        between = np.cov(means, rowvar=False).reshape(within.shape) - each * seen
         covariance = (1.0 + 1.0 / count) * _positive(between) + within
         freedom = count - 1
     else:

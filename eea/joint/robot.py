@@ -150,9 +150,10 @@ class Robot:
     loudest: float = math.inf
 
     def __post_init__(self) -> None:
-        mapping("parameters", self.parameters, object)
-        if not self.parameters:
-            raise ConfigurationError("parameters must be one or more; got none")
+        if not isinstance(self.parameters, Mapping) or not self.parameters:
+            raise ConfigurationError(
+                f"parameters must be ranges (low, high) by name; got {brief(self.parameters)}"
+            )
         ranges = {name: _checked_range(name, ends) for name, ends in self.parameters.items()}
         object.__setattr__(self, "parameters", ranges)
         if not callable(self.simulate):
@@ -163,6 +164,10 @@ class Robot:
         mapping("whole", self.whole, numbers.Real)
         for name in ("each_trial", "hidden"):
             object.__setattr__(self, name, all_of(name, getattr(self, name), str))
+        if self.hypotheses is not None:
+            object.__setattr__(
+                self, "hypotheses", all_of("hypotheses", self.hypotheses, Hypothesis)
+            )
         mapping("units", self.units, str)
         mapping("parts", self.parts, Part)
         instance("nominal", self.nominal, Hypothesis)
@@ -173,6 +178,10 @@ class Robot:
             real("loudest", self.loudest, 0.0)
         whole("stride", self.stride, 1, 1000)
         whole("at_once", self.at_once, 1, MOST_AT_ONCE)
+        for name in (*self.names, *self.channels):
+            text("a name of parameters, nuisances, hidden angles or channels", name)
+            if "@" in name:  # which a trial's own numbers have before its number
+                raise ConfigurationError(f"a name must have no @; got {name!r}")
         if len(set(self.names)) < len(self.names):
             twice = min(name for name in self.names if self.names.count(name) > 1)
             raise ConfigurationError(
@@ -186,27 +195,41 @@ class Robot:
             choice("units", name, self.names)
         for name in self.each_trial:
             choice("each_trial", name, self._nuisance_names)
-        if self.hypotheses is not None:
-            all_of("hypotheses", self.hypotheses, Hypothesis)
         object.__setattr__(self, "nominal", self._otherwise_whole(self.nominal))
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
+        known = [hypothesis.name for hypothesis in (self.nominal, *self.alternatives)]
+        if len(set(known)) < len(known):
+            twice = max(known, key=known.count)
+            raise ConfigurationError(
+                f"hypotheses must have names of their own; {twice!r} is given twice"
+            )
         for part, of in self.parts.items():
             for name in (*of.sizes, *of.area):
                 choice(f"a parameter of {part!r}", name, self.parameters)
 
     def _check(self, hypothesis: Hypothesis) -> None:
         switches = [nuisance.name for nuisance in self.nuisance_list if nuisance.switch]
-        numbers_of_it = (*self.parameters, *self._nuisance_names)
         for field_name, given, known in (
-            ("fixed", hypothesis.fixed, numbers_of_it),
-            ("moves", hypothesis.moves, numbers_of_it),
+            ("fixed", hypothesis.fixed, self.ranges),
+            ("moves", hypothesis.moves, self.ranges),
             ("freed", hypothesis.freed, switches),
             ("shared_angles", hypothesis.shared_angles, self.hidden),
             ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
         ):
             for name in given:
                 choice(f"{field_name} of {hypothesis.name!r}", name, known)
+        for name, value in hypothesis.fixed.items():
+            if name in self.parameters:  # a nuisance that fails may be beyond its range
+                real(f"fixed {name} of {hypothesis.name!r}", value, *self.parameters[name])
+        for name, change in hypothesis.moves.items():
+            low, high = self.ranges[name]
+            was = self.usual.get(name)
+            if was is not None and not low - change.high < was < high - change.low:
+                raise ConfigurationError(
+                    f"moves of {hypothesis.name!r} must stay within [{low:g}, {high:g}] of {name}, "
+                    f"which is {was:g} before; got {change}"
+                )
 
     def _otherwise_whole(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis that fixes what is whole, but for what it moves."""
@@ -220,7 +243,23 @@ class Robot:
     @cached_property
     def nuisance_list(self) -> tuple[Nuisance, ...]:
         """The nuisances, with their names, ranges and groups."""
-        return _as_nuisances(self.nuisances)
+        changes = [h.moves for h in self.hypotheses or ()]
+        return _as_nuisances(self.nuisances, changes)
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The least and the greatest value of each parameter and nuisance."""
+        return {**self.parameters, **{n.name: (n.low, n.high) for n in self.nuisance_list}}
+
+    @cached_property
+    def usual(self) -> dict[str, float]:
+        """What is known of parameters and nuisances before any trial, if nothing is broken."""
+        found = {nuisance.name: nuisance.nominal for nuisance in self.nuisance_list}
+        if self.prior is not None:
+            for name, share in zip(self.prior.names, self.prior.mean.tolist(), strict=True):
+                low, high = self.ranges[name]
+                found[name] = low + (high - low) * share
+        return {**found, **self.whole}
 
     @cached_property
     def alternatives(self) -> tuple[Hypothesis, ...]:
@@ -351,16 +390,22 @@ def _any_change(whole: Mapping[str, float]) -> list[Hypothesis]:
     ]
 
 
-def _as_nuisances(given: Mapping[str, Normal] | Sequence[Nuisance]) -> tuple[Nuisance, ...]:
-    """Return nuisances from distributions by name, or as they are."""
+def _as_nuisances(
+    given: Mapping[str, Normal] | Sequence[Nuisance], changes: Sequence[Mapping[str, Normal]]
+) -> tuple[Nuisance, ...]:
+    """Return nuisances from distributions by name, or as they are; ranges have room for changes."""
     if not isinstance(given, Mapping):
         return all_of("nuisances", given, Nuisance)
     mapping("nuisances", given, Normal)
     found = []
     for name, normal in given.items():
         text("the name of a nuisance", name)
-        low = max(normal.low, normal.mean - NUISANCE_RANGE_SDS * normal.sd)
-        high = min(normal.high, normal.mean + NUISANCE_RANGE_SDS * normal.sd)
+        reach = NUISANCE_RANGE_SDS * normal.sd
+        for change in (moves[name] for moves in changes if name in moves):
+            far = abs(change.mean) + NUISANCE_RANGE_SDS * math.hypot(normal.sd, change.sd)
+            reach = max(reach, far)
+        low = max(normal.low, normal.mean - reach)
+        high = min(normal.high, normal.mean + reach)
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ConfigurationError(
                 f"{name} must have a finite range or spread; got {brief(normal)}"

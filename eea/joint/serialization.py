@@ -19,10 +19,11 @@ from eea.core.checks import ConfigurationError, TargetError, brief, finite, whol
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
+from eea.joint.observed import Noise
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import Hypothesis, Normal, Nuisance, Part
+from eea.joint.problem import Hypothesis, Normal, Nuisance, Part, Prior
 from eea.joint.robot import Robot
 
 POSTERIOR_SCHEMA = "eea.posterior/5"
@@ -48,6 +49,9 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
         "hypotheses": [asdict(hypothesis) for hypothesis in robot.alternatives],
         "nominal": asdict(robot.nominal),
         "parts": {name: asdict(part) for name, part in robot.parts.items()},
+        "units": robot.units,
+        "prior": robot.prior and _listed(vars(robot.prior)),
+        "noise": posterior.noise and _listed(posterior.noise._asdict()),
         "sigma": posterior.sigma,
         "samples": posterior.samples,
         "goodness": asdict(posterior.goodness),
@@ -114,9 +118,17 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
         header["each_trial"],
         header["hidden"],
         tuple(map(_hypothesis, header["hypotheses"])),
+        units=header["units"],
         parts={name: Part(**part) for name, part in header["parts"].items()},
         nominal=_hypothesis(header["nominal"]),
+        prior=header["prior"] and Prior(**header["prior"]),
     )
+    noise = header["noise"]
+    if noise is not None:
+        channels = (len(robot.channels),)
+        noise = Noise(**{name: finite(f"its {name}", noise[name], channels) for name in noise})
+        if not ((noise.sd > 0.0) & (np.abs(noise.correlation) < 1.0)).all():
+            raise ConfigurationError(f"its noise must be that of a fit; got {brief(noise)}")
     trials = header["trials"]
     whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
     slots = len(robot.names)
@@ -161,11 +173,17 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
             HypothesisPosterior(hypothesis, row["probability"], parameters, inside, doubted)
         )
     goodness = Goodness(**header["goodness"])
-    belief = JointPosterior(tuple(branches), goodness, header["sigma"], header["samples"])
+    belief = JointPosterior(
+        tuple(branches), goodness, header["sigma"], header["samples"], noise=noise
+    )
     check_posterior(belief)
     if first != len(cost):
         raise ConfigurationError(f"its modes must be {first}; there are {len(cost)}")
     return belief
+
+
+def _listed(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.asarray(array).tolist() for name, array in arrays.items()}
 
 
 def _hypothesis(stated: Mapping[str, Any]) -> Hypothesis:
@@ -185,6 +203,9 @@ def _from_earlier(header: Mapping[str, Any]) -> dict[str, Any]:
         "parameters": {one["name"]: (one["low"], one["high"]) for one in header["models"]},
         "channels": {f"gyro {axis + 1}": "rad/s" for axis in range(header["axes"])},
         "whole": {},
+        "units": {},
+        "prior": None,
+        "noise": None,
         "each_trial": (),
         "hidden": header["unknown"],
         "hypotheses": list(map(hypothesis, header["hypotheses"])),
