@@ -122,7 +122,7 @@ def fit(
 
     # Weigh them by their evidence.
     fitted = [(robot.nominal, plain), *others]
-    best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
+    best = min((optima for _, optima in fitted), key=lambda one: (one.sigma, _least(one)))
     mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
     constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
     evidence = np.array([m.log_evidence + c for m, c in zip(mixtures, constants, strict=True)])

@@ -56,6 +56,7 @@ class Parameters:
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
         hypothesis = robot.nominal if hypothesis is None else hypothesis
+        fixed = robot.fixed(hypothesis)
         nuisances = robot.nuisance_list
         hidden = robot.hidden
         size = len(robot.parameters)
@@ -67,8 +68,8 @@ class Parameters:
         shared: list[tuple[str, int, float, float]] = []
         own: list[tuple[str, int, float, float]] = []
         for i, name in enumerate(robot.parameters):
-            if name in hypothesis.fixed:
-                constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
+            if name in fixed:
+                constants[i] = (fixed[name] - low[i]) / span[i]
                 shared.append((name, i, constants[i], FIXED_PRECISION))
             else:
                 shared.append((name, i, 0.5, 0.0))
@@ -78,8 +79,8 @@ class Parameters:
             precision = (span[i] / nuisance.sd) ** 2
             inferred = nuisance.start or (nuisance.group in groups and not nuisance.switch)
             by_trial = nuisance.start or nuisance.group in per_trial or name in robot.each_trial
-            if name in hypothesis.fixed:
-                constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
+            if name in fixed:
+                constants[i] = (fixed[name] - low[i]) / span[i]
             elif name in hypothesis.freed or (inferred and not by_trial):
                 shared.append((name, i, mean, precision))
             elif inferred:
@@ -88,7 +89,7 @@ class Parameters:
             (shared if name in hypothesis.shared_angles else own).append((name, i, 0.0, 0.0))
         slots = np.full((trials, len(low)), FIXED_SLOT, dtype=np.intp)
         for entry, (name, i, _, _) in enumerate(shared):
-            if name not in hypothesis.fixed:
+            if name not in fixed:
                 slots[:, i] = entry
         by_trial_slots = [i for _, i, _, _ in own]
         count = len(shared) + trials * len(own)
@@ -224,7 +225,7 @@ def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[st
     known = robot.prior
     if known is None:
         return
-    silent = {*hypothesis.moves, *hypothesis.fixed}
+    silent = {*hypothesis.moves, *robot.fixed(hypothesis)}
     said = [name for name in known.names if name not in silent]
     each = {name.partition("@")[2] for name in names if name.partition("@")[0] in robot.each_trial}
     for trial in ("", *sorted(each - {""})):

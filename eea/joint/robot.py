@@ -6,7 +6,7 @@ import inspect
 import math
 import numbers
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Protocol
@@ -195,7 +195,6 @@ class Robot:
             choice("units", name, self.names)
         for name in self.each_trial:
             choice("each_trial", name, self._nuisance_names)
-        object.__setattr__(self, "nominal", self._otherwise_whole(self.nominal))
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
         known = [hypothesis.name for hypothesis in (self.nominal, *self.alternatives)]
@@ -231,10 +230,10 @@ class Robot:
                     f"which is {was:g} before; got {change}"
                 )
 
-    def _otherwise_whole(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Return a hypothesis that fixes what is whole, but for what it moves."""
+    def fixed(self, hypothesis: Hypothesis) -> dict[str, float]:
+        """Return what has a fixed value if a hypothesis holds: what is whole and does not move."""
         kept = {name: v for name, v in self.whole.items() if name not in hypothesis.moves}
-        return replace(hypothesis, fixed={**kept, **hypothesis.fixed})
+        return {**kept, **hypothesis.fixed}
 
     @property
     def _nuisance_names(self) -> tuple[str, ...]:
@@ -265,7 +264,7 @@ class Robot:
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """What may hold instead of ``nominal``: hypotheses, and several of them at once."""
         stated = _any_change(self.whole) if self.hypotheses is None else self.hypotheses
-        return tuple(map(self._otherwise_whole, together(stated, self.at_once)))
+        return tuple(together(stated, self.at_once))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,352 @@
+"""A stranger's robot: stated by names, inferred from recorded trials, with honest answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cart import CART, PUSH, QUICK, SD, SOUGHT, TIME, measured, roll
+from eea import (
+    FitConfig,
+    Hypothesis,
+    Normal,
+    Nuisance,
+    Robot,
+    Trial,
+    load_posterior,
+    save_posterior,
+)
+from eea.core.checks import ConfigurationError, TargetError
+
+HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
+SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Normal(0.0, 0.5)}, odds=0.1)
+MASS = 0.9
+
+
+def infer(robot, trials, **settings):
+    return robot.infer(trials, config=QUICK, **settings)
+
+
+def refused(message, make):
+    with pytest.raises(ConfigurationError) as refusal:
+        make()
+    assert message in str(refusal.value)
+
+
+def test_a_robot_needs_parameters_a_simulator_and_channels_only():
+    def grow(values, inputs):
+        assert inputs is None
+        return (values["rate"][:, None] * TIME)[:, :, None]
+
+    plant = Robot({"rate": (0.0, 2.0)}, grow, {"height": "cm"})
+    rng = np.random.default_rng(0)
+    found = infer(plant, [Trial((0.7 * TIME + rng.normal(size=60))[:, None])])
+    _, low, high = found.table(MASS)["rate"]
+    assert low < 0.7 < high
+    assert high - low == pytest.approx(2 * 1.645 / np.sqrt((TIME**2).sum()), rel=0.4)
+    assert found.good, found.verdict
+    assert found.findings == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"parameters": {}}, "parameters must be ranges (low, high) by name; got {}"),
+        ({"parameters": {"gain": (1, 0), "drag": (0, 2)}}, "high of gain must be a finite number"),
+        ({"parameters": {"gain": 1.0}}, "must be ranges (low, high) by name; got 1.0 of 'gain'"),
+        ({"parameters": {"gain@1": (0, 1)}, "whole": {}}, "a name must have no @; got 'gain@1'"),
+        ({"simulate": 3}, "simulate must be a function; got 3"),
+        ({"channels": ["rate"]}, "channels must be a mapping from names to str; got ['rate']"),
+        ({"whole": {"gian": 1.0}}, "whole must be one of gain, drag; got 'gian'; did you mean"),
+        ({"whole": {"gain": 3.0}}, "whole gain must be a finite number in [0, 2]; got 3.0"),
+        ({"nuisances": {"bias": (0.0, 0.1)}}, "nuisances must be a mapping from names to Normal"),
+        ({"nuisances": {"bias": Normal(0, np.inf)}}, "bias must have a finite range or spread"),
+        ({"nuisances": {"gain": Normal(0, 1)}}, "names of their own; 'gain' is given twice"),
+        ({"each_trial": ("bais",)}, "each_trial must be one of bias; got 'bais'"),
+        ({"hidden": "angle"}, "hidden must be a tuple of type str; got 'angle'"),
+        ({"units": {"gian": "m"}}, "units must be one of gain, drag, bias; got 'gian'"),
+        ({"hypotheses": HEAVIER}, "hypotheses must be a tuple of type Hypothesis"),
+        ({"hypotheses": [HEAVIER, HEAVIER]}, "'it is heavier' is given twice"),
+        (
+            {"hypotheses": [Hypothesis("x", moves={"gian": Normal(0, 1)})]},
+            "moves of 'x' must be one of gain, drag, bias; got 'gian'",
+        ),
+        (
+            {"hypotheses": [Hypothesis("x", {"gain": 7.0})]},
+            "fixed gain of 'x' must be a finite number in [0, 2]; got 7.0",
+        ),
+        (
+            {"hypotheses": [Hypothesis("x", moves={"gain": Normal(0, 1, low=5.0)})]},
+            "moves of 'x' must stay within [0, 2] of gain, which is 1 before",
+        ),
+    ],
+)
+def test_a_wrong_statement_is_refused(changes, message):
+    refused(message, lambda: replace(CART, **changes))
+
+
+def test_a_number_is_fixed_or_moves():
+    refused(
+        "'x' must fix or move a number, not both; got gain in both",
+        lambda: Hypothesis("x", {"gain": 1.0}, moves={"gain": Normal(0, 1)}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("trials", "settings", "message"),
+    [
+        ([], {}, "trials must be one or more; got none"),
+        (np.zeros((5, 2)), {}, "trials must be a tuple of type Trial"),
+        ([Trial(np.zeros((5, 1)), PUSH[:5])], {}, "the 2 channels rate, force; got shape (5, 1)"),
+        ([Trial([[1.0, 1.0]], [1.0])], {}, "trials must have more samples than the 2 unknowns"),
+        (
+            [Trial([[1.0, np.nan]] * 9, PUSH[:9])],
+            {},
+            "a channel of unknown noise must have a sample in some trial; force has none",
+        ),
+        (None, {"noise": 0.1}, "noise must be a mapping from names to Real; got 0.1"),
+        (None, {"noise": {"rat": 1.0}}, "noise must be one of rate, force; got 'rat'"),
+        (None, {"noise": {"rate": 1.0}}, "noise must be that of every channel; force has none"),
+        (None, {"config": 3}, "config must be of type FitConfig; got 3"),
+        (None, {"config": FitConfig(noise=0.1)}, "noise is given by channel; got 0.1"),
+        (None, {"seed": -1}, "seed must be a whole number"),
+    ],
+)
+def test_wrong_trials_and_settings_are_refused(trials, settings, message):
+    trials = [measured(np.random.default_rng(0))] if trials is None else trials
+    refused(message, lambda: CART.infer(trials, **settings))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda signal: signal[:, :, 0],
+        lambda signal: signal[0],
+        lambda signal: signal[:1],
+        lambda signal: signal[:, :-1],
+        lambda signal: signal.swapaxes(1, 2),
+        lambda signal: 1j * signal,
+    ],
+)
+@pytest.mark.parametrize("lengths", [(60,), (60, 30)])
+def test_a_simulator_of_the_wrong_shape_is_refused(wrong, lengths):
+    rng = np.random.default_rng(0)
+    trials = [measured(rng, PUSH[:n]) for n in lengths]
+    robot = replace(CART, simulate=lambda values, push: wrong(roll(values, push)))
+    refused("simulate must return numbers of shape", lambda: infer(robot, trials))
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_a_simulator_that_never_stays_finite_is_named():
+    robot = replace(CART, simulate=lambda values, push: np.nan * roll(values, push))
+    with pytest.raises(TargetError, match="stays finite"):
+        infer(robot, [measured(np.random.default_rng(0))])
+
+
+def test_a_simulator_may_go_on_for_longer_than_a_trial():
+    rng = np.random.default_rng(0)
+    short = measured(rng, PUSH[:30])
+    longer = replace(CART, simulate=lambda values, push: roll(values, np.tile(push, 2)))
+    assert infer(longer, [short]).table() == infer(CART, [short]).table()
+
+
+def test_a_change_needs_a_value_to_start_from():
+    sought = replace(CART, whole={}, hypotheses=[HEAVIER])
+    refused(
+        "moves of 'it is heavier' must be of numbers that are in whole, or that learn() has found; "
+        "gain is neither",
+        lambda: infer(sought, [measured(np.random.default_rng(0))]),
+    )
+
+
+def test_noise_of_each_channel_is_estimated_with_its_colour():
+    rng = np.random.default_rng(1)
+    push = np.tile(PUSH, 10)
+    trials = [measured(rng, push, correlation=0.8)]
+    trials[0] = Trial(np.stack([trials[0].signal[:, 0], measured(rng, push).signal[:, 1]], 1), push)
+    found = infer(SOUGHT, trials)
+    assert found.noise is not None
+    np.testing.assert_allclose(found.noise.sd, SD, rtol=0.15)
+    np.testing.assert_allclose(found.noise.correlation, [0.8, 0.0], atol=0.08)
+    assert found.sigma == pytest.approx(1.0, abs=0.02)
+    assert found.good, found.verdict
+
+
+def test_the_unit_of_a_channel_makes_no_difference():
+    trial = measured(np.random.default_rng(2))
+    scales = np.array([1e6, 1e-9])
+    scaled = replace(SOUGHT, simulate=lambda values, push: scales * roll(values, push))
+    one = infer(SOUGHT, [trial]).table()
+    other = infer(scaled, [Trial(scales * trial.signal, trial.inputs)]).table()
+    for name, row in one.items():
+        assert other[name] == pytest.approx(row, abs=1e-6)
+
+
+def test_a_missing_sample_has_no_weight_and_no_bias():
+    """As much as if it had not been sampled, whatever stands there."""
+    rng = np.random.default_rng(3)
+    whole, lacking = [measured(rng, gain=1.3) for _ in range(4)], []
+    for trial in whole:
+        signal = trial.signal.copy()
+        signal[rng.random(signal.shape) < 0.5] = np.nan
+        signal[-10:] = np.nan
+        lacking.append(Trial(signal, trial.inputs))
+    rows = [infer(SOUGHT, trials).table()["gain"] for trials in (whole, lacking)]
+    for _, low, high in rows:
+        assert low < 1.3 < high
+    width = [high - low for _, low, high in rows]
+    assert 1.2 < width[1] / width[0] < 2.0
+
+
+def test_trials_of_unequal_length_count_as_long_as_they_are():
+    rng = np.random.default_rng(4)
+    trials = [measured(rng, PUSH[:n], gain=1.3, sd=(0.01, 1e4)) for n in (60, 12, 33)]
+    found = infer(SOUGHT, trials)
+    assert found.samples == 2 * (60 + 12 + 33)
+    _, low, high = found.table(MASS)["gain"]
+    assert low < 1.3 < high
+    assert found.noise is not None
+    np.testing.assert_allclose(found.noise.sd, (0.01, 1e4), rtol=0.25)
+
+
+def test_a_trial_may_start_in_motion():
+    def coast(values, push):
+        rate = values["rate at first"][:, None] * np.exp(-values["drag"][:, None] * TIME / 30)
+        return (rate + push.cumsum(axis=1) / 60)[:, :, None]
+
+    start = Nuisance("rate at first", -3.0, 3.0, nominal=0.0, start=True)
+    sledge = Robot({"drag": (0.0, 2.0)}, coast, {"rate": "m/s"}, nuisances=[start])
+    rng, firsts = np.random.default_rng(5), (-2.0, 1.5)
+    trials = []
+    for first in firsts:
+        values = {"drag": np.array([0.6]), "rate at first": np.array([first])}
+        trials.append(Trial(coast(values, PUSH[None])[0] + 0.01 * rng.normal(size=(60, 1)), PUSH))
+    table = infer(sledge, trials).table(0.99)
+    for name, true in {
+        "drag": 0.6, "rate at first@1": firsts[0], "rate at first@2": firsts[1]
+    }.items():  # fmt: skip
+        assert table[name][1] < true < table[name][2]
+
+
+def test_intervals_hold_at_their_rate():
+    rng = np.random.default_rng(6)
+    held = []
+    for seed in range(40):
+        true = {"gain": rng.uniform(0.3, 1.7), "drag": rng.uniform(0.3, 1.7)}
+        true["bias"] = 0.1 * rng.normal()
+        table = infer(SOUGHT, [measured(rng, correlation=0.5, **true)], seed=seed).table(MASS)
+        held += [low < true[name] < high for name, (_, low, high) in table.items()]
+    assert 0.82 < np.mean(held) < 0.97  # 2.5 sd of 120 of 90%
+
+
+def test_nothing_is_broken_is_a_finding_with_its_probability():
+    found = infer(CART, [measured(np.random.default_rng(7))])
+    nothing = found.probability("nothing is broken")
+    assert nothing > 0.95
+    assert nothing + sum(found.probability(f"{n} has changed") for n in CART.whole) == (
+        pytest.approx(1.0)
+    )
+    assert found.findings[0] == f"nothing is broken ({nothing:.0%})"
+    assert found.findings[-1].startswith("a change of gain by less than 0.0")
+    assert " m or of drag by less than 0.0" in found.findings[-1]
+    assert found.findings[-1].endswith(" would not show")
+    low, high = found.interval(MASS)
+    assert low[0] == pytest.approx(1.0, abs=1e-4) == high[0]  # whole, with nearly all of the mass
+    _, least, most = found.broken("gain", MASS)  # but if it has changed
+    assert most - least > 0.02
+
+
+def test_intervals_given_a_change_hold_at_their_rate():
+    rng = np.random.default_rng(8)
+    held, named = [], []
+    for seed in range(40):
+        true = rng.uniform(1.1, 1.6)
+        found = infer(replace(CART, hypotheses=[HEAVIER]), [measured(rng, gain=true)], seed=seed)
+        named.append(found.probability("it is heavier") > 0.5)
+        _, low, high = found.broken("gain", MASS)
+        held.append(low < true < high)
+    assert np.mean(named) == 1.0
+    assert 0.78 <= np.mean(held) <= 0.99
+
+
+@pytest.mark.parametrize(
+    "hypothesis", [HEAVIER, Hypothesis("x", moves={"gain": Normal(0, np.inf)})]
+)
+def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
+    rng = np.random.default_rng(9)
+    robot = replace(CART, hypotheses=[hypothesis])
+    noise = dict(zip(CART.channels, SD, strict=True))
+    sentence = infer(robot, [measured(rng)], noise=noise).findings[-1]
+    least = float(sentence.removeprefix("a change of gain by less than ").split()[0])
+    shares = []
+    for change in (0.5 * least, least, 1.5 * least):
+        found = [infer(robot, [measured(rng, gain=1.0 + change)], noise=noise) for _ in range(20)]
+        shares.append(np.mean([f.branches[0].hypothesis.name == hypothesis.name for f in found]))
+    assert shares[0] < 0.3
+    assert 0.25 <= shares[1] <= 0.75
+    assert shares[2] > 0.7
+
+
+def test_a_change_of_what_has_no_effect_would_never_show():
+    robot = replace(
+        CART,
+        parameters={**CART.parameters, "paint": (0.0, 1.0)},
+        whole={**CART.whole, "paint": 0.5},
+    )
+    found = infer(robot, [measured(np.random.default_rng(10))])
+    assert found.findings[-1].endswith(" or of paint would not show")
+    _, low, high = found.broken("paint")
+    assert high - low > 0.8
+
+
+def test_a_change_has_a_direction():
+    rng = np.random.default_rng(11)
+    robot = replace(CART, hypotheses=[HEAVIER])
+    noise = dict(zip(CART.channels, SD, strict=True))
+    more, less = (infer(robot, [measured(rng, gain=gain)], noise=noise) for gain in (1.3, 0.7))
+    assert more.probability("it is heavier") > 0.99
+    assert less.probability("it is heavier") < 0.01
+    assert not less.good  # nothing that was stated explains it
+
+
+@pytest.mark.parametrize("each_trial", [(), ("bias",)])
+def test_a_hypothesis_may_move_a_nuisance_beyond_its_usual_spread(each_trial):
+    rng = np.random.default_rng(12)
+    robot = replace(
+        CART,
+        nuisances={"bias": Normal(0.0, 0.02)},
+        each_trial=each_trial,
+        hypotheses=[HEAVIER, SENSOR_OFF],
+    )
+    trials = [measured(rng, bias=bias) for bias in (0.48, 0.5)]
+    found = infer(robot, trials)
+    assert found.probability("the sensor is off") > 0.99
+    _, low, high = found.broken("bias")
+    assert low < (0.48 if each_trial else 0.49) < high
+    assert infer(robot, [measured(rng)]).probability("nothing is broken") > 0.9
+
+
+def test_causes_that_fit_alike_are_one_sentence_with_the_trial_that_would_tell():
+    alike = Hypothesis(
+        "a weight hangs below", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1, hint="turn"
+    )
+    robot = replace(CART, hypotheses=[HEAVIER, alike])
+    (said,) = infer(robot, [measured(np.random.default_rng(13), gain=1.2)]).findings
+    assert said.startswith("it is heavier (50%): gain 1.2")
+    assert "; the data fit nearly alike if a weight hangs below (50%): gain 1.2" in said
+    assert said.endswith("; turn to find out")
+
+
+def test_a_posterior_with_noise_survives_a_file(tmp_path):
+    found = infer(CART, [measured(np.random.default_rng(14), correlation=0.6)])
+    save_posterior(tmp_path / "cart.npz", found)
+    again = load_posterior(tmp_path / "cart.npz")
+    assert again.noise is not None
+    for name in ("sd", "correlation"):
+        assert np.array_equal(getattr(again.noise, name), getattr(found.noise, name))
+    assert again.to_dict() == found.to_dict()
+    assert again.broken("gain") == found.broken("gain")
+    assert again.findings == found.findings
+    assert again.robot.units == CART.units
