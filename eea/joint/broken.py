@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eea.joint.diagnostics import EQUAL_FIT_COST, LEAST_REPORTED_PROBABILITY
+from eea.joint.diagnostics import EQUAL_FIT_COST
 from eea.joint.problem import Hypothesis
 from eea.joint.truncated_normal import log_mass
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from eea.joint.robot import Robot
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
+LEAST_STATED_PROBABILITY = 0.05  # less probable hypotheses have no sentence
 LEAST_PRECISION = 1e-9  # in 1/range^2: of a number that the trials do not determine
 FLAT_SD = 1e3  # of a range: a normal prior of this sd is flat
 MOST_SDS = 40.0  # that a change is tried up to
@@ -30,7 +31,7 @@ def what_is_broken(posterior: JointPosterior) -> list[str]:
     """Return sentences on what may be broken, the most probable first."""
     robot = posterior.robot
     nominal = robot.nominal.name
-    likely = [b for b in posterior.branches if b.probability > LEAST_REPORTED_PROBABILITY]
+    likely = [b for b in posterior.branches if b.probability > LEAST_STATED_PROBABILITY]
     causes = [b for b in likely if b.hypothesis.name != nominal]
     costs = [min(mode.cost for mode in b.posterior.modes) for b in causes]
     alike = [b for b, cost in zip(causes, costs, strict=True) if cost - min(costs) < EQUAL_FIT_COST]

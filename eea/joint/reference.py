@@ -1,7 +1,7 @@
 """What logs that are known to be good tell of a robot, to judge later ones by.
 
 A robot that is whole is several robots: its numbers differ a little from log to log, and more from
-session to session, between which somebody touches it. So the number x of log i in session s is ::
+session to session, between which it is repaired. So the number x of log i in session s is ::
 
     x[s, i] = mean + between[s] + within[s, i]
 

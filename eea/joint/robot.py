@@ -328,7 +328,7 @@ class Robot:
         """Return what logs that are known to be good tell; see :func:`eea.joint.reference.learn`.
 
         ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in
-        which nobody touched the robot.
+        which the robot is not repaired.
         """
         from eea.joint.reference import learn
 
