@@ -53,7 +53,7 @@ NOTHING_BROKEN = Hypothesis("nothing is broken")
 class Simulate(Protocol):
     """A simulator of batches of trials."""
 
-    def __call__(self, values: Values, inputs: Any) -> NDArray[Any]:
+    def __call__(self, values: Values, inputs: Any, /) -> NDArray[Any]:
         """Return the signal (B, T, channels) of B trials.
 
         ``values`` has the parameters, nuisances and hidden angles by name, (B,) each, in natural

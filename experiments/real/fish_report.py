@@ -44,7 +44,10 @@ def draw_fish(table: Mapping[str, Any], path: Path) -> None:
     panels = figure.subplots(1, 3, width_ratios=(1, 1, 1.25))
     for axes, what in zip(panels, LABELS, strict=False):
         _draw_errors(axes, table, what)
-    panels[0].legend(fontsize=SMALL_FONT, frameon=False, loc="upper left")
+    lines, names = panels[0].get_legend_handles_labels()
+    figure.legend(
+        lines, names, fontsize=SMALL_FONT, frameon=False, loc="outside upper left", ncols=4
+    )
     _draw_swims(panels[2], table)
     save_figure(figure, path)
 
