@@ -32,6 +32,7 @@ from aquafish_gym.rendering import film
 from aquafish_gym.runs.command_line import read_morphology
 from gait.controllers.controller import Controller
 from tests.browser import browser
+from tests.in_process import jobs_in_process
 
 PICTURES = ["bodies", "sizes", "paths", "fitness", "distances"]
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
@@ -68,7 +69,8 @@ def results(out: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("recovery") / "study"
-    done = recover(out, *SMALL, "--replicates", "2")
+    with jobs_in_process():
+        done = recover(out, *SMALL, "--replicates", "2")
     assert done.returncode == 0, done.stderr
     return out
 
@@ -251,7 +253,8 @@ def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> N
     assert errors.splitlines()[-1].endswith("the same command resumes")
     assert "Traceback" not in errors
     assert len(list(again.glob("seed-*/*/outcome.json"))) < whole
-    assert recover(again, *SMALL, "--seeds", "2", "--workers", "1").returncode == 0
+    with jobs_in_process():
+        assert recover(again, *SMALL, "--seeds", "2", "--workers", "1").returncode == 0
     assert results(again) == results(study)
 
 
@@ -270,7 +273,7 @@ def test_the_example_is_the_command(
 
 def test_redraw_adds_the_film(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def draw_small(swims: Any, path: Path, width: int, height: int, *a: Any, **k: Any) -> None:
-        film(swims, path, width // 10, height // 10, *a, **k)
+        film(swims, path, width // 5, height // 5, *a, **k)
 
     monkeypatch.setattr(figures, "film", draw_small)
     monkeypatch.setattr(figures, "save_figure", lambda *_: None)

@@ -18,6 +18,7 @@ from experiments.league.command import SCHEMA, League
 from experiments.league.entrants import ENTRANTS
 from experiments.league.episodes import HELD_OUT, TIERS, UNKNOWN, Episode, play
 from experiments.league.statistics import HORIZON, after_onset, interval, recovered, summary
+from tests.in_process import jobs_in_process
 
 
 def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
@@ -31,6 +32,7 @@ def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+@jobs_in_process()
 def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     League(
         out=tmp_path, entrants=("still", "PPO, fins"), tiers=("severe",), episodes=1, workers=1

@@ -16,6 +16,7 @@ from experiments.scores.command import FIRST_SEED, Scores, share
 from experiments.scores.entries import ENTRIES
 from experiments.scores.episodes import COLUMNS, damage_of, play, swim_to_onset
 from gait import Controller, swim_all
+from tests.in_process import jobs_in_process
 
 COMMITTED = Path(__file__).parents[2] / "experiments" / "scores" / "results" / "runs"
 
@@ -36,6 +37,7 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
             np.testing.assert_allclose(found[column][name], values, rtol=1e-3, atol=1e-3)
 
 
+@jobs_in_process()
 def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     command = small(tmp_path, "zero", "CPG")
     command.execute()
@@ -76,6 +78,7 @@ def test_a_learned_controller_can_be_made() -> None:
     assert np.isfinite(curve[-1][1])
 
 
+@jobs_in_process()
 def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
     name, tier = "AquaFishRecovery-v0", "severe"
     gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000)

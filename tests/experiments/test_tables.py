@@ -9,6 +9,7 @@ import pytest
 from examples.compare_gaits import KINDS, CompareGaits
 from experiments.gaits.ceiling import Ceiling
 from gait import EvolveConfig
+from tests.in_process import jobs_in_process
 
 
 def rows_of(out: Path) -> list[list[str]]:
@@ -16,6 +17,7 @@ def rows_of(out: Path) -> list[list[str]]:
     return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
 
 
+@jobs_in_process()
 def test_gaits_for_a_sample_are_compared_with_the_true_bodys(tmp_path: Path) -> None:
     quick = EvolveConfig(
         search="cma", generations=1, population=10, random_candidates=12, seconds=2.0, threads=1
