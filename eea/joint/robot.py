@@ -8,7 +8,6 @@ import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -26,6 +25,7 @@ from eea.core.checks import (
     text,
     whole,
 )
+from eea.joint.combinations import any_change, together
 from eea.joint.problem import (
     Discrepancy,
     Hypothesis,
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
 NUISANCE_RANGE_SDS = 5.0  # on each side of the mean of a nuisance that is given as a Normal
-CHANGE_ODDS = 0.1  # of a change, relative to none
 NOTHING_BROKEN = Hypothesis("nothing is broken")
 
 
@@ -263,7 +262,7 @@ class Robot:
     @cached_property
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """What may hold instead of ``nominal``: hypotheses, and several of them at once."""
-        stated = _any_change(self.whole) if self.hypotheses is None else self.hypotheses
+        stated = any_change(self.whole) if self.hypotheses is None else self.hypotheses
         return tuple(together(stated, self.at_once))
 
     @property
@@ -345,48 +344,6 @@ def _checked_range(name: str, ends: object) -> tuple[float, float]:
     real(f"low of {name}", low, -math.inf)
     real(f"high of {name}", high, math.nextafter(low, math.inf))
     return float(low), float(high)
-
-
-def together(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
-    """Return the hypotheses, and those that up to ``most`` of them hold at once.
-
-    Combinations of more are fitted only where none of fewer explains the trials. Those of one part,
-    or of the same numbers, are left out.
-    """
-    found = list(hypotheses)
-    for count in range(2, most + 1):
-        for some in combinations(hypotheses, count):
-            names = [n for one in some for n in {*one.fixed, *one.moves, *one.freed, one.part}]
-            names = [name for name in names if name]
-            if len(set(names)) == len(names):
-                found.append(joined(some))
-    return found
-
-
-def joined(several: Sequence[Hypothesis]) -> Hypothesis:
-    """Return several hypotheses as one."""
-    fixed: dict[str, float] = {}
-    moves: dict[str, Normal] = {}
-    for one in several:
-        fixed |= one.fixed
-        moves |= one.moves
-    return Hypothesis(
-        " and ".join(one.name for one in several),
-        fixed,
-        tuple(name for one in several for name in one.shared_angles),
-        tuple(name for one in several for name in one.freed),
-        moves=moves,
-        changes=sum(one.changes for one in several),
-        odds=math.prod(one.odds for one in several),
-    )
-
-
-def _any_change(whole: Mapping[str, float]) -> list[Hypothesis]:
-    odds = CHANGE_ODDS / max(len(whole), 1)
-    return [
-        Hypothesis(f"{name} has changed", moves={name: Normal(0.0, math.inf)}, odds=odds)
-        for name in whole
-    ]
 
 
 def _as_nuisances(
