@@ -36,7 +36,7 @@ class Schedule:
         self._changes: list[list[tuple[int, Any]]] = [[] for _ in range(count)]
 
     def clear(self, rows: Rows) -> None:
-        """Forget what is to come of the robots ``rows`` (n,)."""
+        """Forget the changes of the robots ``rows`` (n,)."""
         self.next_change[rows] = NO_CHANGE_STEP
         for robot in rows.tolist():
             self._changes[robot] = []

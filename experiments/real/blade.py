@@ -58,7 +58,7 @@ def _table() -> tuple[Floats, Floats, Floats]:
 
 
 def rotor(blade_cut: float) -> tuple[float, float]:
-    """Return thrust and torque of two blades that are each shorter by so many mm.
+    """Return thrust and torque of two blades that are each shorter by these lengths, mm.
 
     They are for the density and the angular speed 1, in mm^4 and mm^5.
     """

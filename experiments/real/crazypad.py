@@ -223,7 +223,7 @@ def session(flight: Flight) -> str:
 
 
 def build(flight: Flight) -> str:
-    """Return the build of a healthy flight: flights between which nobody touched the drone.
+    """Return the build of a healthy flight: flights between which the drone was not touched.
 
     The logs do not say when a propeller was touched. The commands of healthy flights do: they jump
     by up to 7% of one motor's between these builds, and agree within 1% inside them. The last of E8

@@ -7,8 +7,8 @@ which is a drone with its propellers as they are, flown three to six times:
 
 - *since a known condition*: the first of the same session is known. Of the damaged flights, those
   of that condition alone are used.
-- *since other builds*: healthy flights alone are known, of the same drone before somebody touched
-  its propellers. No damaged flight is used.
+- *since other builds*: healthy flights alone are known, of the same drone before its
+  propellers were touched. No damaged flight is used.
 
 How far a healthy drone's commands spread is learned from healthy flights. All else is blade theory
 and the firmware's map (:mod:`experiments.real.quadrotor`).

@@ -80,11 +80,10 @@ def test_a_reversed_tail_is_no_fault_that_shows() -> None:
     command = np.array([0.3, 0.2, 0.9])
     log, begun = target.perform(command), target.start_angles
     same = EngineSimulator(STEPS, dtype="float64", threads=1)
-    there = fish_robot(same).simulate(
-        target.morphology.to_array()[None],
-        np.array([[0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0.0]]),
-        command[None],
-        np.array([[begun[0], begun[1], np.pi - begun[2]]]),
-        True,
-    )
+    robot = fish_robot(same)
+    values = {n.name: np.array([n.nominal]) for n in robot.nuisance_list}
+    values |= zip(robot.parameters, target.morphology.to_array()[:, None], strict=True)
+    angles = np.array([begun[0], begun[1], np.pi - begun[2]])
+    values |= zip(robot.hidden, angles[:, None], strict=True)
+    there = robot.simulate(values, command[None], True)
     np.testing.assert_allclose(log.gyro, there, rtol=0, atol=1e-12)
