@@ -16,7 +16,7 @@ from experiments.tables import markdown
 
 LABELS = {"position_cm": "error of the place, cm", "heading_rad": "error of the heading, rad"}
 LINES = ("-", "--", "-.", ":")
-SHOWN_AMPLITUDE = 20  # degrees, of the swims that are drawn
+SHOWN = ((20, -50), (20, 0), (20, 20), (20, 50))  # commands whose swims are drawn, degrees
 
 
 def fish_text(table: Mapping[str, Any]) -> str:
@@ -40,13 +40,13 @@ def fish_text(table: Mapping[str, Any]) -> str:
 
 def draw_fish(table: Mapping[str, Any], path: Path) -> None:
     """Draw the errors over time, and the seen and predicted paths of some swims."""
-    figure = new_figure(9.0, 3.2)
-    panels = figure.subplots(1, 3, width_ratios=(1, 1, 1.25))
+    figure = new_figure(9.0, 3.4)
+    panels = figure.subplots(1, 3, width_ratios=(1, 1, 1.5))
     for axes, what in zip(panels, LABELS, strict=False):
         _draw_errors(axes, table, what)
-    lines, names = panels[0].get_legend_handles_labels()
+    handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(
-        lines, names, fontsize=SMALL_FONT, frameon=False, loc="outside upper left", ncols=4
+        handles, labels, fontsize=SMALL_FONT, frameon=False, ncols=4, loc="outside upper left"
     )
     _draw_swims(panels[2], table)
     save_figure(figure, path)
@@ -67,13 +67,17 @@ def _draw_errors(axes: Axes, table: Mapping[str, Any], what: str) -> None:
 
 
 def _draw_swims(axes: Axes, table: Mapping[str, Any]) -> None:
-    swims = [one for one in table["swims"] if one["command"][0] == SHOWN_AMPLITUDE]
+    swims = [one for one in table["swims"] if tuple(one["command"]) in SHOWN]
     for i, one in enumerate(swims):
         for what, line, colour in (("seen", "-", GREY), ("predicted", "--", "C0")):
             x, y = 100.0 * np.array(one[what]).T
             axes.plot(x, y, line, color=colour, lw=1.4, label="" if i else what)
-        axes.annotate(f"{one['command'][1]}", (x[-1], y[-1]), fontsize=SMALL_FONT)
-    axes.set(xlabel="x, cm", ylabel="y, cm", aspect="equal")
-    axes.set_title(f"swims at {SHOWN_AMPLITUDE} degrees, by bias", fontsize=SMALL_FONT)
-    axes.legend(fontsize=SMALL_FONT, frameon=False)
+        axes.annotate(
+            f"{one['command'][1]}°", (x[-1], y[-1]), (4, -3), textcoords="offset points",
+            fontsize=SMALL_FONT,
+        )  # fmt: skip
+    axes.set(xlabel="x, cm", ylabel="y, cm")
+    axes.set_title("swims at an amplitude of 20°, by bias", fontsize=SMALL_FONT)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(fontsize=SMALL_FONT, frameon=False, loc="upper left")
     grid(axes)

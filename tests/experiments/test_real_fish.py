@@ -16,7 +16,9 @@ from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.config import FitConfig
 from experiments.real.beat import AHEAD, BEATS_HZ, Swing, cases_of, learn_swing, observe
-from experiments.real.fish import errors, half_widths, infer, predict
+from experiments.real.fish import LAW, errors, half_widths, infer, predict
+from experiments.real.fish_report import draw_fish, fish_text
+from experiments.real.fish_rivals import RIVALS
 from experiments.real.michigan import folds, read
 from experiments.real.planar_fish import (
     CAPSULE_LENGTH,
@@ -195,3 +197,25 @@ def test_a_synthetic_fish_is_found_again_and_predicted_at_other_commands(tmp_pat
     there = np.isfinite(left)
     inside = np.abs(left) <= half_widths(before, known, ours)
     assert 0.75 < inside[there].mean() <= 1.0
+
+
+def test_the_report_has_a_row_a_predictor_and_a_picture(tmp_path: Path) -> None:
+    seconds = [0.2 * (i + 1) for i in range(25)]
+    rows = {
+        name: {"position_cm": [k * t for t in seconds], "heading_rad": [0.01 * t for t in seconds]}
+        for k, name in enumerate((LAW, *RIVALS), 1)
+    }
+    paths = {"seen": [[0.5, 0.4], [0.6, 0.5]], "predicted": [[0.5, 0.4], [0.6, 0.4]]}
+    table = {
+        "seconds": seconds,
+        "by_second": rows,
+        "cases": {"2": 7, "5": 3},
+        "held_90": 0.9,
+        "held_90_by": {"2": [0.9, 0.8, 1.0], "5": [1.0, 1.0, 0.5]},
+        "swims": [{"command": [20, 50], **paths}],
+    }
+    said = fish_text(table)
+    assert f"| {LAW} | 2.0 cm, 0.02 rad | 5.0 cm, 0.05 rad |" in said
+    assert f"| {RIVALS[0]} | 4.0 cm" in said
+    draw_fish(table, tmp_path / "fish.png")
+    assert (tmp_path / "fish.png").stat().st_size > 10_000
