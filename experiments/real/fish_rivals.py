@@ -139,7 +139,8 @@ def _fit_averaged(known: Sequence[Run]) -> Floats:
             apart = (_averaged(numbers, state, tail, samples) - seen)[:, 4::5] * (1.0, 1.0, 0.1)
         there = np.isfinite(seen[:, 4::5])
         finite = np.nan_to_num(apart[there], nan=10.0, posinf=10.0, neginf=-10.0)
-        return np.clip(finite, -1e6, 1e6)  # a path that diverges, before its square does
+        # A path that diverges is cut before its square overflows.
+        return np.asarray(np.clip(finite, -1e6, 1e6))
 
     first = [2.0, 0.5, 3.0, 0.1, 3.0, 3.0, 3.0, 2.0, 0.0]
     found = least_squares(left, first, loss="soft_l1", f_scale=0.05, max_nfev=25)
