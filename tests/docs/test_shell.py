@@ -13,6 +13,7 @@ import sys
 import pytest
 
 from aquafish.cli import main
+from tests.in_process import jobs_in_process
 
 ROOT = pathlib.Path(__file__).parents[2]
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -38,7 +39,7 @@ SHORTER = {
     "aquafish evolve": TINY,
     "aquafish baseline": "--steps 1600 --environments 16",
     "aquafish film": "--seconds 1 --engine numba",
-    "aquafish transfer": "--poses 2 --target-engine numba",
+    "aquafish transfer": "--poses 2 --seconds 2 --target-engine numba",
     "aquafish study": "--replicates 1 --rounds 1 --workers 1 --steps 32",
 }
 
@@ -69,6 +70,7 @@ def run(line: str) -> int:
     return subprocess.run(line, shell=True, check=False).returncode
 
 
+@jobs_in_process()
 def test_pages_can_be_pasted_one_after_another(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

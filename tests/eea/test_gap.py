@@ -15,6 +15,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import EstimationConfig, ExplorationConfig
 from eea.study.replicate import StudyWorld
 from eea.study.study import Study
+from tests.in_process import jobs_in_process
 
 DAMAGE = "left_pectoral:length=0.5"
 COMMAND = np.array([0.4, -0.3, 0.8])
@@ -115,6 +116,7 @@ QUICK = PaperConfig(
 )
 
 
+@jobs_in_process()
 def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeypatch):
     monkeypatch.setattr("eea.study.figures.save_study_figures", lambda *_: [])  # others draw them
     options = ["--preset", "smoke", "--conditions", "none", "--replicates", "1", "--workers", "1"]

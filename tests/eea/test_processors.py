@@ -18,25 +18,22 @@ import pytest
 AVX512 = "avx512f" in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else False
 CORES = ("Nehalem", "Haswell", *(["SkylakeX"] if AVX512 else []))
 
-INFERRED = """
-import json
-from aquafish_gym import Morphology
-from eea import estimate_morphology
-from gait import EvolveConfig, evolve_gait
-
-damage = "left_pectoral:length=0.5"
-found = estimate_morphology(None, damage, seed=0, target_engine="numba", threads=1)
-quick = EvolveConfig(seed=0, generations=8, random_candidates=24, threads=1)
-gait = evolve_gait(found.morphology, quick)
-print(json.dumps([
-    found.morphology.to_dict(), found.sample(20).tolist(), gait.fitness, found.model.tolist(),
-]))
-"""
-
-SWUM_ON = """
+PROGRAM = """
 import json
 import gymnasium as gym
 from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish_gym import Morphology
+from eea import JointConfig, estimate_morphology
+from gait import EvolveConfig, evolve_gait
+
+damage = "left_pectoral:length=0.5"
+config = JointConfig(rounds=2, alternatives="never")
+found = estimate_morphology(None, damage, config, seed=0, target_engine="numba", threads=1)
+quick = EvolveConfig(seed=0, generations=8, random_candidates=24, threads=1)
+gait = evolve_gait(found.morphology, quick)
+inferred = [
+    found.morphology.to_dict(), found.sample(20).tolist(), gait.fitness, found.model.tolist(),
+]
 
 env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@11", engine="numba")
 observation, info = env.reset(seed=0)
@@ -45,32 +42,22 @@ agent.begin(info["fin_angles"])
 for _ in range(90):
     observation, _, _, _, info = env.step(agent.act(observation))
 events = [(event.seconds, event.what, event.about) for event in agent.events]
-print(json.dumps([events, agent.model.robot.body.tolist(), info["y_position"]]))
+print(json.dumps([inferred, [events, agent.model.robot.body.tolist(), info["y_position"]]]))
 """
 
 
-def outputs(program: str) -> list[list[object]]:
-    """Return what a program prints with the kernels of each processor."""
+def test_a_body_its_gait_and_an_agent_do_not_depend_on_the_processor() -> None:
     found = []
     for core in CORES:
         settings = {"OPENBLAS_CORETYPE": core, "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(
-            [sys.executable, "-c", program], env=os.environ | settings, capture_output=True,
+            [sys.executable, "-c", PROGRAM], env=os.environ | settings, capture_output=True,
             text=True, check=True, timeout=600,
         )  # fmt: skip
         found.append(json.loads(done.stdout.splitlines()[-1]))
-    return found
-
-
-def test_an_inferred_body_and_its_gait_do_not_depend_on_the_processor() -> None:
-    first, *others = outputs(INFERRED)
-    for other in others:
-        assert other[:3] == first[:3]
-        np.testing.assert_allclose(other[3], first[3], rtol=1e-6)  # as they are, not handed on
-
-
-def test_an_agent_that_swims_on_does_not_depend_on_the_processor() -> None:
-    first, *others = outputs(SWUM_ON)
-    for other in others:
-        assert other[:2] == first[:2]
-        assert other[2] == pytest.approx(first[2], rel=1e-5)
+    (inferred, swum), *others = found
+    for other, other_swum in others:
+        assert other[:3] == inferred[:3]
+        np.testing.assert_allclose(other[3], inferred[3], rtol=1e-6)  # not handed on
+        assert other_swum[:2] == swum[:2]
+        assert other_swum[2] == pytest.approx(swum[2], rel=1e-5)

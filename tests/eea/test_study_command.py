@@ -18,6 +18,7 @@ from eea.cli.study import StudyCommand
 from eea.study.presets import figure_config
 from eea.study.replicate import replicate
 from eea.study.study import read_description
+from tests.in_process import jobs_in_process
 
 SMALL = [
     *("--exploration.population", "4", "--exploration.generations", "2"),
@@ -52,9 +53,10 @@ def undrawn(monkeypatch):
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
-    """A finished study of one worker, with its report."""
+    """A finished study, with its report."""
     folder = tmp_path_factory.mktemp("tiny")
-    assert main([*TINY, "--workers", "1", "--out", str(folder)]) == 0
+    with jobs_in_process():
+        assert main([*TINY, "--out", str(folder)]) == 0
     return folder
 
 
@@ -88,6 +90,7 @@ def test_plot_writes_the_same_report_again(tiny):
 
 
 @pytest.mark.usefixtures("undrawn")
+@jobs_in_process()
 def test_a_study_is_extended_by_seeds_and_arms(tiny, tmp_path):
     first = ["--replicates", "1", "--conditions", "none", "--workers", "1"]
     assert main([*TINY, *first, "--out", str(tmp_path)]) == 0
@@ -104,6 +107,7 @@ def test_a_study_is_extended_by_seeds_and_arms(tiny, tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
+@jobs_in_process()
 def test_a_damaged_replicate_is_named_and_made_again(tiny, tmp_path, capsys):
     for name, content in files(tiny).items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -122,6 +126,7 @@ def sometimes(job):
 
 
 @pytest.mark.usefixtures("undrawn")
+@jobs_in_process()
 def test_a_failed_replicate_is_named_and_the_others_are_made(tiny, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("eea.cli.study.replicate", sometimes)
     assert main([*TINY, "--workers", "1", "--out", str(tmp_path)]) == 1
@@ -141,6 +146,7 @@ def test_folders_with_other_content_are_refused(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("undrawn")
+@jobs_in_process()
 def test_joint_inference_is_an_arm_with_the_same_hidden_angles(tmp_path):
     arguments = [
         *("study", "--conditions", "joint", "none", "--steps", "32", "--replicates", "1"),

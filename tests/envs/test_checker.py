@@ -154,8 +154,8 @@ def test_each_step_of_a_batch_keeps_the_contract(name: str) -> None:
 
 def digests() -> list[str]:
     """Return what each id says, of one robot on each engine of ours, and of a batch."""
-    alone = [check_strictly(make(name), 150) for name in IDS]
-    return alone + [check_batch(name, 150) for name in IDS]
+    alone = [check_strictly(make(name), 60) for name in IDS]
+    return alone + [check_batch(name, 60) for name in IDS]
 
 
 def test_the_same_seed_is_the_same_bytes_in_another_process() -> None:

@@ -25,7 +25,7 @@ from gait_fakes import WeightScorer, contents, evolve_with, read_history
 
 CONFIG = EvolveConfig(paper=True, seed=1000, generations=6, population=20, poses=2)
 CMA = EvolveConfig(
-    seed=7, controller="linear", generations=125, population=10, random_candidates=30, poses=1
+    seed=7, controller="linear", generations=60, population=10, random_candidates=30, poses=1
 )
 TUNED = EvolveConfig(
     seed=7, search="neat", restarts=2, generations=16, cma_generations=6, population=20, poses=1

@@ -13,7 +13,6 @@ from instruments.verification import fish_data, real_fish
 from instruments.verification.momentum import Momentum
 from instruments.verification.propulsion import straight_swims
 from instruments.verification.real_fish import BODIES, NAMED, exponent
-from instruments.verification.tables import Report
 from instruments.verification.tail_swims import (
     beat_tails,
     steady_swims,
@@ -23,11 +22,6 @@ from instruments.verification.tail_swims import (
 from instruments.verification.water_momentum import ReactiveMomentum
 
 THIN = NAMED["thin tail alone"]
-
-
-@pytest.fixture(scope="module")
-def quick() -> Report:
-    return real_fish.study(quick=True)
 
 
 # --- exponents ------------------------------------------------------------------------------
@@ -132,28 +126,7 @@ def test_a_tail_that_leans_to_the_other_side_turns_the_fish_as_far_the_other_way
     assert_allclose(left, -right, rtol=0.02)
 
 
-# --- the study ------------------------------------------------------------------------------
-
-
-def test_speed_goes_as_frequency_exactly_if_beats_have_equally_many_steps(quick: Report) -> None:
-    for row in quick["frequency"]:
-        assert_allclose([row["slope"], row["low"], row["high"]], 1.0, atol=1e-6)
-
-
-def test_only_the_reactive_terms_have_the_amplitude_exponent_that_was_measured(
-    quick: Report,
-) -> None:
-    measured = quick["published"]["amplitude"]
-    assert measured["low"] < 1.1 < measured["high"]
-    for row in quick["amplitude"][:3]:
-        assert row["slope"] > measured["high"]
-        assert row["reactive"] is False
-    for row in quick["amplitude"][-4:]:
-        assert measured["low"] < row["slope"] < measured["high"]
-        assert row["reactive"] is True
-    for steady_or_not in ("amplitude", "from rest"):
-        drag, reactive = quick[steady_or_not][3], quick[steady_or_not][-1]
-        assert drag["low"] > measured["high"] > reactive["high"]
+# --- published numbers ----------------------------------------------------------------------
 
 
 def test_published_numbers_give_the_exponents_that_are_cited() -> None:
@@ -178,14 +151,8 @@ def test_coarser_steps_hardly_change_an_exponent() -> None:
     slopes = [
         [
             exponent(at, v).slope
-            for v in np.transpose([steady_swims(BODIES, 1.0, False, a, n)[0] for a in at])
+            for v in np.transpose([steady_swims(BODIES[:3], 1.0, False, a, n)[0] for a in at])
         ]
         for n in (27, 54)
     ]
     assert abs(np.subtract(*slopes)).max() < 0.02
-
-
-def test_the_study_prints_every_table(quick: Report) -> None:
-    for table in real_fish.make_tables(quick).values():
-        assert table.rows
-        assert all(len(row) == len(table.columns) for row in table.rows)

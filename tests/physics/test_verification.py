@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import pathlib
-import subprocess
-import sys
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from instruments.verification.__main__ import main
 from instruments.verification.report import tables_of
 from instruments.verification.strokes import flipper_stroke, tail_stroke
 from instruments.verification.tables import TABLES, fill_page, make_tables
@@ -20,13 +21,6 @@ PAGES = [ROOT / "docs" / f"{page}.md" for page in ("physics", "physics_appendix"
 PICTURES = ("strokes", "convergence", "quadrature", "single_precision", "real_fish")
 
 
-def verification(*arguments: str, **keywords: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "instruments.verification", *arguments],
-        capture_output=True, text=True, cwd=ROOT, **keywords,
-    )  # type: ignore[call-overload,no-any-return]  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
     """Return where a quick run wrote, and what it printed."""
@@ -34,9 +28,9 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
     out = tmp_path_factory.mktemp("verification")
     page = out / "page.md"
     page.write_text("# Page\n\n<!-- table: convergence -->\nold\n<!-- end of table -->\nend\n")
-    done = verification("--quick", "--out", str(out), "--page", str(page))
-    assert done.returncode == 0, done.stderr
-    return out, done.stdout
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main(["--quick", "--out", str(out), "--page", str(page)]) == 0
+    return out, printed.getvalue()
 
 
 def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
@@ -48,9 +42,34 @@ def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
             assert make_tables(report)[name].title.split()[0] in printed
     assert mechanics is not None or "MuJoCo is not installed" in printed
     order = [r["order"] for r in report["convergence"]["rows"] if r["order"] is not None]
-    np.testing.assert_allclose(order, 1.0, atol=0.2)
+    assert_allclose(order, 1.0, atol=0.2)
     for name in PICTURES:
         assert (out / f"{name}.png").stat().st_size > 20_000
+
+
+def test_speed_goes_as_frequency_exactly_if_beats_have_equally_many_steps(
+    quick: tuple[pathlib.Path, str],
+) -> None:
+    study = json.loads((quick[0] / "report.json").read_text())["real_fish"]
+    for row in study["frequency"]:
+        assert_allclose([row["slope"], row["low"], row["high"]], 1.0, atol=1e-6)
+
+
+def test_only_the_reactive_terms_have_the_amplitude_exponent_that_was_measured(
+    quick: tuple[pathlib.Path, str],
+) -> None:
+    study = json.loads((quick[0] / "report.json").read_text())["real_fish"]
+    measured = study["published"]["amplitude"]
+    assert measured["low"] < 1.1 < measured["high"]
+    for row in study["amplitude"][:3]:
+        assert row["slope"] > measured["high"]
+        assert row["reactive"] is False
+    for row in study["amplitude"][-4:]:
+        assert measured["low"] < row["slope"] < measured["high"]
+        assert row["reactive"] is True
+    for steady_or_not in ("amplitude", "from rest"):
+        drag, reactive = study[steady_or_not][3], study[steady_or_not][-1]
+        assert drag["low"] > measured["high"] > reactive["high"]
 
 
 def test_it_fills_a_page(quick: tuple[pathlib.Path, str]) -> None:
