@@ -238,7 +238,8 @@ def test_termination_is_an_interruption(capsys: pytest.CaptureFixture[str]) -> N
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-@pytest.mark.parametrize(("stream", "buffering"), [("stdout", ""), ("stderr", "1")])
+@pytest.mark.parametrize("buffering", ["", "1"])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
@@ -281,7 +282,7 @@ def start(words: str, **options: Any) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("words", ["run --help", "export nowhere.json --c a.c"])
+@pytest.mark.parametrize("words", ["--version", "run --help", "export nowhere.json --c a.c"])
 def test_a_closed_output_is_no_error(words: str) -> None:
     process = start(words, preexec_fn=lambda: os.close(1))
     _, said = process.communicate()
