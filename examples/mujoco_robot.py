@@ -1,9 +1,9 @@
 """A MuJoCo robot: Gymnasium's Swimmer finds its weak motor from its own observations.
 
-    pip install "aquafish-gym[mujoco]"
     python examples/mujoco_robot.py
 
-A trial's inputs are its actions. The candidates swim them in ``mujoco.rollout``, a model for each.
+It needs the extra mujoco. A trial's inputs are its actions, in which the candidates swim by
+``mujoco.rollout``, a model for each.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import pytest
 
 import aquafish.cli
 import eea.__main__
+import experiments.real.command
 import gait.__main__
 from aquafish_gym.runs.command_help import print_help
 from aquafish_gym.runs.command_line import parse
@@ -23,13 +24,14 @@ COMMANDS: dict[str, str] = {
     "view": aquafish.cli.VIEW[0],
     **{name: str(place) for name, (place, _) in eea.__main__.COMMANDS.items()},
     **{name: str(place) for name, (place, _) in gait.__main__.COMMANDS.items()},
+    **{name: str(place) for name, (place, _) in experiments.real.command.COMMANDS.items()},
 }
 RUN = re.compile(r"run_command_line\(\s*\"([\w.]+)\",\s*(\w+)")
 SCRIPTS = {
     found[1]: f"{'.'.join(path.relative_to(ROOT).with_suffix('').parts)}:{found[2]}"
     for folder in ("examples", "experiments")
     for path in sorted((ROOT / folder).rglob("*.py"))
-    if (found := RUN.search(path.read_text(encoding="utf-8")))
+    if (found := RUN.search(path.read_text(encoding="utf-8"))) and found[2] != "COMMANDS"
 }
 
 

@@ -7,17 +7,18 @@ sentences of :mod:`eea.joint.diagnostics`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from eea.joint.diagnostics import EQUAL_FIT_COST
 from eea.joint.problem import Hypothesis
+from eea.joint.robot import Robot
 from eea.joint.truncated_normal import log_mass
 
-if TYPE_CHECKING:
-    from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
-    from eea.joint.robot import Robot
+# The posteriors' module imports this one.
+JointPosterior = Any
+HypothesisPosterior = Any
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
 LEAST_STATED_PROBABILITY = 0.05  # less probable hypotheses have no sentence

@@ -43,11 +43,12 @@ class Normal:
 
     def __post_init__(self) -> None:
         real("mean", self.mean, -math.inf)
-        if self.sd != math.inf:
-            real("sd", self.sd, 1e-12)
-        for name in ("low", "high"):
-            if not (isinstance(getattr(self, name), float) and math.isinf(getattr(self, name))):
-                real(name, getattr(self, name), -math.inf)
+        for name, least in (("sd", 1e-12), ("low", -math.inf), ("high", -math.inf)):
+            value = getattr(self, name)
+            if not (isinstance(value, float) and math.isinf(value)):
+                real(name, value, least)
+        if self.sd < 0.0:
+            raise ConfigurationError(f"sd must be more than 0; got {self.sd:g}")
         if not self.low < self.high:
             raise ConfigurationError(
                 f"low must be less than high; got {self.low:g} and {self.high:g}"

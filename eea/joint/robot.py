@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 import math
 import numbers
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from pkgutil import resolve_name
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +37,6 @@ from eea.joint.problem import (
     Values,
     groups_of,
 )
-
-if TYPE_CHECKING:
-    from eea.core.config import FitConfig
-    from eea.joint.joint_posterior import JointPosterior
-    from eea.joint.observed import Trial
-    from eea.joint.reference import Reference
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
@@ -304,34 +299,28 @@ class Robot:
         except (TypeError, ValueError):
             return False
 
-    def infer(
-        self,
-        trials: Sequence[Trial],
-        seed: int = 0,
-        config: FitConfig | None = None,
-        noise: Mapping[str, float] | None = None,
-        progress: Callable[[str], None] | None = None,
-    ) -> JointPosterior:
-        """Return the posterior given recorded trials; see :func:`eea.joint.recorded.infer`."""
-        from eea.joint.recorded import infer
+    # What they return is declared in modules that import this one.
+    def infer(self, trials: Sequence[Any], seed: int = 0, **options: Any) -> Any:
+        """Return the posterior given recorded trials; see :func:`eea.joint.recorded.infer`.
 
-        return infer(self, trials, seed, config, noise, progress=progress)
+        ``options`` are its ``config``, ``noise`` and ``progress``.
+        """
+        return resolve_name("eea.joint.recorded:infer")(self, trials, seed, **options)
 
     def learn(
         self,
-        known_good: Sequence[Trial],
+        known_good: Sequence[Any],
         sessions: Sequence[object] | None = None,
         seed: int = 0,
-        config: FitConfig | None = None,
-    ) -> Reference:
+        **options: Any,
+    ) -> Any:
         """Return what logs that are known to be good tell; see :func:`eea.joint.reference.learn`.
 
         ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in
-        which the robot is not repaired.
+        which the robot is not repaired. ``options`` is ``config``.
         """
-        from eea.joint.reference import learn
-
-        return learn(self, known_good, sessions, seed, config)
+        learn = resolve_name("eea.joint.reference:learn")
+        return learn(self, known_good, sessions, seed, **options)
 
 
 def _checked_range(name: str, ends: object) -> tuple[float, float]:

@@ -27,6 +27,8 @@ class RealRobot:
     """Evaluate what is inferred of a real robot from its own logs."""
 
     name: ClassVar[str]
+    example: ClassVar[str] = "--data download --out out/real"
+    main_options: ClassVar[tuple[str, ...]] = ("data", "out")
 
     data: Annotated[Path, arg(metavar="DIR")]
     """Folder of the downloaded logs."""
@@ -140,7 +142,10 @@ class RealAuv(RealRobot):
 
 
 COMMANDS: Commands = {
-    "fish": (RealFish, "predict a real fish under commands that it was never seen under"),
-    "drones": (RealDrones, "find what real drones' propellers lost"),
-    "auv": (RealAuv, "name what changed in a real AUV"),
+    "fish": (
+        "experiments.real.command:RealFish",
+        "predict a real fish under commands that it was never seen under",
+    ),
+    "drones": ("experiments.real.command:RealDrones", "find what real drones' propellers lost"),
+    "auv": ("experiments.real.command:RealAuv", "name what changed in a real AUV"),
 }

@@ -82,7 +82,7 @@ def infer(
     """Return draws (n,) of the fish's numbers, by name, given some cases."""
     robot = fish_robot()
     trials = [Trial(case.after[COMPARED::COMPARED], inputs_of(case, swing)) for case in cases]
-    found = robot.infer(trials, seed, config)
+    found = robot.infer(trials, seed, config=config)
     drawn = found.sample(DRAWS, np.random.default_rng(seed))
     return dict(zip(robot.parameters, drawn.T, strict=True))
 

@@ -203,7 +203,7 @@ ROWS = [
         {"mean": 0.0, "sd": 1.0, "low": -3.0, "high": 3.0},
         options(
             mean="minus one, fraction, big", sd="fraction, infinity, big",
-            low="minus one, fraction", high="fraction, big, infinity",
+            low="minus one, fraction", high="minus one, fraction, big, infinity",
         ),
     ),
     Call(

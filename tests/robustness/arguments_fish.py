@@ -184,6 +184,9 @@ ROWS = [
     Call(ESTIMATE.width, {"mass": 0.9}, options(mass="fraction")),
     Call(ESTIMATE.sample, {"count": 1, "seed": 0}, options(seed="big, huge")),
     Call(BELIEF.interval, {"mass": 0.9}, options(mass="fraction")),
-    Call(BELIEF.table, {"mass": 0.9}, options(mass="fraction")),
+    Call(
+        BELIEF.table, {"mass": 0.9, "hypothesis": None},
+        options(mass="fraction", hypothesis="none"),
+    ),
     Call(BELIEF.sample, {"count": 1, "rng": np.random.default_rng(0)}),
 ]  # fmt: skip
