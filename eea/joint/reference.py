@@ -183,9 +183,14 @@ def _spread(fits: Sequence[LogFit], labels: Sequence[object], widened: bool = Fa
         covariance = (1.0 + 1.0 / logs) * within
         freedom = logs - 1
     if widened:
-        covariance = covariance * (float(stdtrit(freedom, 0.95)) / NORMAL_95) ** 2
+        covariance = covariance * widening(freedom) ** 2
     covariance = covariance + LEAST_SD**2 * np.eye(len(covariance))
     return Prior(fits[0].names, means.mean(axis=0), covariance)
+
+
+def widening(freedom: float) -> float:
+    """Return the sd of a normal whose 90% interval is that of Student's t, over the t's scale."""
+    return float(stdtrit(freedom, 0.95)) / NORMAL_95
 
 
 def _positive(matrix: Floats) -> Floats:

@@ -7,10 +7,9 @@ DIR is the download. OUT gets the figures (fish.json, drones.json or auv.json) a
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Annotated, Any, ClassVar
 
 from rich.console import Console
@@ -35,28 +34,17 @@ class RealRobot:
     out: Out
     """Folder for the figures and the picture."""
 
-    @abstractmethod
-    def table(self) -> dict[str, Any]:
-        """Return the figures."""
-
-    @abstractmethod
-    def text(self, table: Mapping[str, Any]) -> str:
-        """Return the figures in words."""
-
-    @abstractmethod
-    def draw(self, table: Mapping[str, Any], path: Path) -> None:
-        """Draw the figures."""
-
     def execute(self) -> None:
         """Evaluate, print and write."""
         ensure_writable_directory(self.out)
+        of = f"experiments.real.{self.name}"  # loaded here: the evaluations load a lot
         with Console(stderr=True).status(f"reading and judging {self.data}"):
-            table = self.table()
-        print(self.text(table), end="")
+            table: dict[str, Any] = resolve_name(f"{of}:{self.name}_table")(self.data)
+        print(resolve_name(f"{of}_report:{self.name}_text")(table), end="")
         document = self.out / f"{self.name}.json"
         picture = self.out / f"{self.name}.png"
         write_document(document, table, SCHEMA)
-        self.draw(table, picture)
+        resolve_name(f"{of}_report:draw_{self.name}")(table, picture)
         print(f"Figures: {document}. Picture: {picture}.")
 
 
@@ -68,24 +56,6 @@ class RealFish(RealRobot):
 
     name = "fish"
 
-    def table(self) -> dict[str, Any]:
-        """See ``fish_table``."""
-        from experiments.real.fish import fish_table
-
-        return fish_table(self.data)
-
-    def text(self, table: Mapping[str, Any]) -> str:
-        """See ``fish_text``."""
-        from experiments.real.fish_report import fish_text
-
-        return fish_text(table)
-
-    def draw(self, table: Mapping[str, Any], path: Path) -> None:
-        """See ``draw_fish``."""
-        from experiments.real.fish_report import draw_fish
-
-        draw_fish(table, path)
-
 
 class RealDrones(RealRobot):
     """Two drones with cut propellers: what was lost since a log that is known.
@@ -95,24 +65,6 @@ class RealDrones(RealRobot):
 
     name = "drones"
 
-    def table(self) -> dict[str, Any]:
-        """See ``drones_table``."""
-        from experiments.real.drones import drones_table
-
-        return drones_table(self.data)
-
-    def text(self, table: Mapping[str, Any]) -> str:
-        """See ``drones_text``."""
-        from experiments.real.drones_report import drones_text
-
-        return drones_text(table)
-
-    def draw(self, table: Mapping[str, Any], path: Path) -> None:
-        """See ``draw_drones``."""
-        from experiments.real.drones_report import draw_drones
-
-        draw_drones(table["found"], path)
-
 
 class RealAuv(RealRobot):
     """An AUV with four faults: what changed since fifty healthy swims.
@@ -121,24 +73,6 @@ class RealAuv(RealRobot):
     """
 
     name = "auv"
-
-    def table(self) -> dict[str, Any]:
-        """See ``auv_table``."""
-        from experiments.real.auv import auv_table
-
-        return auv_table(self.data)
-
-    def text(self, table: Mapping[str, Any]) -> str:
-        """See ``auv_text``."""
-        from experiments.real.auv_report import auv_text
-
-        return auv_text(table)
-
-    def draw(self, table: Mapping[str, Any], path: Path) -> None:
-        """See ``draw_auv``."""
-        from experiments.real.auv_report import draw_auv
-
-        draw_auv(table, path)
 
 
 COMMANDS: Commands = {

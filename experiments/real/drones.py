@@ -24,12 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from eea.core.config import FitConfig
 from eea.joint.broken import would_not_show
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Trial
+from eea.joint.reference import widening
 from experiments.real.crazypad import MOTORS, SESSIONS, Floats, build, flights, session
 from experiments.real.hover import AXES, Hover, hover
 from experiments.real.quadrotor import Known, Spread, quadrotor
@@ -39,7 +39,6 @@ MASS = 0.9  # of intervals
 SAMPLES = 4000
 #: A hover is nearly linear in what is sought, so that few starting points do.
 CONFIG = FitConfig(alternatives="always", bodies=16, poses=1, descents=4, polished=1, restarts=0)
-NORMAL_95 = 1.6448536269514722
 LEAST_SD = 1e-6
 
 
@@ -142,7 +141,7 @@ class Healthy:
         """
         own = [rows.mean(axis=0) for name, rows in self.builds.items() if name.startswith(drone)]
         spread, freedom = self.build_sd
-        wider = float(stdtrit(freedom, 0.95)) / NORMAL_95
+        wider = widening(freedom)
         gain = float(np.sqrt((spread**2).sum())) * math.sqrt(1.0 + 1.0 / len(own)) * wider
         return Known(np.mean(own, axis=0), np.zeros(4), Spread(self.flight_sd, gain, LEAST_SD))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +46,14 @@ def _lengths(by_session: Mapping[str, float]) -> list[str]:
     return [f"{length:.2f}" for length in by_session.values()]
 
 
-def draw_drones(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+def draw_drones(table: Mapping[str, Any], path: Path) -> None:
     """Draw each cut as it was and as it was found, a panel a session.
 
-    ``rows`` are ``found`` of ``drones_table``. A point is the median of a propeller if it is cut,
+    ``table`` is that of ``drones_table``. A point is the median of a propeller if it is cut,
     since the session's first condition, a line its 90% interval. Open points are propellers that
     the flights leave more probably uncut.
     """
+    rows = table["found"]
     sessions = list(dict.fromkeys(row["session"] for row in rows))
     figure = new_figure(3.0 * len(sessions), 3.4)
     panels = figure.subplots(1, len(sessions), squeeze=False)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,9 +16,10 @@ from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.real import drones
 from experiments.real.blade import loss
+from experiments.real.command import RealDrones
 from experiments.real.crazypad import build, cuts_in_name, flights, read_log, session
 from experiments.real.drones import Healthy, Verdict, conditions, cuts_of, drones_table, infer
-from experiments.real.drones_report import draw_drones, drones_text
+from experiments.real.drones_report import drones_text
 from experiments.real.hover import AXES, FULL_COMMAND, MIX, commands, hover
 from experiments.real.quadrotor import GAINS, TRIMS, Known, Spread, quadrotor
 
@@ -212,8 +214,12 @@ def test_sessions_are_never_split(folder: Path, monkeypatch: pytest.MonkeyPatch)
     assert table["false_alarms"] == table["healthy_flights"] == 8
     assert table["would_not_show_mm"] == 1.5
     assert "| since a known condition, mm | 0.50 |" in drones_text(table)
-    draw_drones(table["found"], folder / "drones.png")
-    assert (folder / "drones.png").stat().st_size > 1000
+    out = folder / "out"
+    RealDrones(folder, out).execute()
+    written = json.loads((out / "drones.json").read_text())
+    assert written["rmse_mm"] == table["rmse_mm"]
+    assert written["schema"] == "aquafish.real/1"
+    assert (out / "drones.png").stat().st_size > 1000
 
 
 def test_a_cut_is_found_with_its_interval_and_a_whole_drone_is_not_named(tmp_path: Path) -> None:
