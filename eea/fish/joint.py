@@ -21,7 +21,6 @@ from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
-    Calibration,
     Discrepancy,
     Nuisance,
     Part,
@@ -29,6 +28,7 @@ from eea.joint.problem import (
     groups_of,
 )
 from eea.joint.robot import MOST_STRIDE, Robot
+from eea.statistics.conformal import Calibration
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
 FINER_STEPS = 4  # per step of the simulator, to measure the error of its time step

@@ -16,13 +16,13 @@ from eea.fish.hypotheses import SERVO, fault_hypothesis
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.combinations import joined
-from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_posterior
-from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, Normal
 from eea.joint.robot import Robot
+from eea.statistics.goodness_of_fit import Goodness
+from eea.statistics.posterior import Mode, Posterior
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once

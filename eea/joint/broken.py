@@ -14,7 +14,7 @@ import numpy as np
 from eea.joint.diagnostics import EQUAL_FIT_COST
 from eea.joint.problem import Hypothesis
 from eea.joint.robot import Robot
-from eea.joint.truncated_normal import log_mass
+from eea.statistics.truncated_normal import log_mass
 
 # The posteriors' module imports this one.
 JointPosterior = Any

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.joint.posterior import Posterior
 from eea.joint.problem import Hypothesis
 from eea.joint.robot import Robot
+from eea.statistics.posterior import Posterior
 
 DIAGNOSTIC_MASS = 0.9  # probability of the intervals that are judged
 # A part is absent if the 95% quantile of its area is below this share of the largest area.

@@ -22,10 +22,10 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE
 from eea.joint.parameters import FIXED_SLOT
-from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
 from eea.joint.slow_errors import LEAST_EIGENVALUE_SHARE
+from eea.statistics.posterior import Mode
 
 
 def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
@@ -105,7 +105,7 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     found = np.where(np.isfinite(found), found, 0.0)
     if observed.weight is not None:
         weights = np.concatenate([observed.weight] * len(local))
-        found = found * weights[:, None, None, :]
+        found = found * weights.swapaxes(1, 2)[:, None]
     return found.reshape(*local.shape[:2], found.shape[1], -1)
 
 

@@ -14,16 +14,16 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, callback, choice, finite, instance
 from eea.core.config import FitConfig
 from eea.joint.discrepancy import doubted
-from eea.joint.goodness_of_fit import effective_count
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED_PRECISION, Parameters
-from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, Values
 from eea.joint.robot import Robot, Simulate
 from eea.joint.search import Optima, halved, improved, search
+from eea.statistics.goodness_of_fit import effective_count
+from eea.statistics.posterior import Mode, Posterior
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted

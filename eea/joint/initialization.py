@@ -14,6 +14,7 @@ from eea.core.angles import Floats, circular_distance, wrap
 from eea.core.config import FitConfig
 from eea.joint.least_squares import COARSE, Precision, Regression, descend
 from eea.joint.parameters import Parameters
+from eea.statistics.latin_hypercube import latin_hypercube
 
 EVERY_FOURTH_SAMPLE = Precision(fine=False, stride=4, difference=0.0)
 EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # the jerk is in one sample
@@ -45,28 +46,6 @@ def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) ->
     sigma = regression.noise or float(np.sqrt(squares.min() / seen))
     kept, cost = aligned(regression, kept, sigma)
     return kept[np.argsort(cost, kind="stable")[: effort.descents]]
-
-
-def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
-    """Return points (count, width) in [0, 1], one in each of ``count`` slices of every axis.
-
-    McKay, Beckman and Conover (1979); the same draws as scipy's, whose statistics take a second
-    to import.
-
-    Examples
-    --------
-    >>> points = latin_hypercube(4, 2, np.random.default_rng(0))
-    >>> np.sort((4 * points).astype(int), axis=0).T
-    array([[0, 1, 2, 3],
-           [0, 1, 2, 3]])
-    """
-    (rng,) = rng.spawn(1)
-    within = rng.random((count, width))
-    slices = np.tile(np.arange(1, count + 1), (width, 1))
-    for row in slices:
-        rng.shuffle(row)
-    points: Floats = (slices.T - within) / count
-    return points
 
 
 def pose(

@@ -14,13 +14,13 @@ from eea.core.checks import TargetError, choice, instance, real, whole
 from eea.core.result import handed_on
 from eea.joint.broken import what_is_broken
 from eea.joint.diagnostics import Fit, beyond_range, findings
-from eea.joint.goodness_of_fit import Goodness
-from eea.joint.observed import Noise
 from eea.joint.parameters import Parameters
-from eea.joint.posterior import Posterior, holding, intervals
 from eea.joint.problem import Hypothesis, Prior
 from eea.joint.robot import Robot
 from eea.joint.search import Optima
+from eea.statistics.goodness_of_fit import Goodness
+from eea.statistics.noise import Noise
+from eea.statistics.posterior import Posterior, holding, intervals
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
@@ -145,7 +145,7 @@ class JointPosterior:
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's interval, which holds the median body.
 
-        See ``eea.joint.posterior.intervals``. They are valid if some body explains the trials:
+        See ``eea.statistics.posterior.intervals``. They are valid if some body explains the trials:
         check ``good``.
         """
         robot = self.robot

@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import dct
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, brief
 from eea.joint.problem import Values
 from eea.joint.robot import Robot
+from eea.statistics.noise import Noise, SlowBasis, Whitening, spectrum
 
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
@@ -66,58 +66,6 @@ def _numbers(argument: str, value: object) -> Floats:
     return np.array(given, np.float64)
 
 
-class Noise(NamedTuple):
-    """The noise of each channel (C,): AR(1), which is white without correlation."""
-
-    sd: Floats  #: Standard deviation, in the channel's unit.
-    correlation: Floats  #: Of neighbouring samples.
-
-
-class SlowBasis(NamedTuple):
-    """A basis in which slow errors of one trial are independent."""
-
-    #: (T,), variances of the coefficients, for errors correlated by exp(-|t - t'| / d).
-    variances: Floats
-    vectors: Floats | None  #: (T, T), its columns are the basis; None for the cosine transform.
-
-    def transform(self, signals: Floats, axes: int) -> Floats:
-        """Return the coefficients (n, axes, T) of signals (n, axes times at least T)."""
-        own = signals.reshape(len(signals), axes, -1)[:, :, : len(self.variances)]
-        if self.vectors is not None:
-            return np.asarray(own @ self.vectors)
-        return np.asarray(dct(own, axis=-1, norm="ortho"))
-
-
-class Whitening(NamedTuple):
-    """What turns the residuals of trials into independent ones of variance 1.
-
-    Residuals (..., E, C, T) become ``scale * (weight * r[t] - back * weight * r[t - 1])``.
-    """
-
-    weight: Floats  #: (E, C, T)
-    back: Floats | None  #: (E, C, T), None where no noise is coloured
-    scale: Floats | None  #: (E, C, T), with ``back``
-
-    def __call__(self, residuals: NDArray[Any], trials: NDArray[np.intp]) -> NDArray[Any]:
-        """Return whitened residuals (S, E', ..., C T) of some ``trials`` (E',), in their type."""
-        channels, samples = self.weight.shape[1:]
-        shape = residuals.shape
-        middle = [1] * (residuals.ndim - 3)  # between the trials' axis and the samples'
-
-        def of(table: Floats) -> NDArray[Any]:
-            chosen = table[trials].astype(residuals.dtype)
-            return chosen.reshape(len(trials), *middle, channels, samples)
-
-        with np.errstate(invalid="ignore"):  # a robot that diverged
-            white = residuals.reshape(*shape[:-1], channels, samples) * of(self.weight)
-            if self.back is not None and self.scale is not None:
-                before = white[..., :-1].copy()
-                white[..., 1:] -= of(self.back)[..., 1:] * before
-                white *= of(self.scale)
-        found: NDArray[Any] = white.reshape(shape)
-        return found
-
-
 @dataclass(frozen=True, eq=False)
 class Observed:
     """E trials of the robot."""
@@ -126,13 +74,18 @@ class Observed:
     #: different shapes, or of None.
     inputs: Any
     signal: Floats  #: (E, T, axes), in the channels' units.
-    #: (E, T) or (E, T, axes), factors that give all samples the noise of one reading; 0 where there
-    #: is no sample. None for 1.
+    #: (E, T, axes), or given as (E, T), factors that give all samples the noise of one reading; 0
+    #: where there is no sample. None for 1.
     weight: Floats | None = None
     #: (E, T), times of the samples in the unit of a discrepancy's duration; None for 1, 2, ...
     time: Floats | None = None
     noise: Noise | None = None  #: Of each channel; None where all have the same, white noise.
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.weight is not None and self.weight.ndim == 2:
+            weight = np.broadcast_to(self.weight[:, :, None], self.signal.shape)
+            object.__setattr__(self, "weight", weight)
 
     @classmethod
     def of(cls, trials: Sequence[Trial], robot: Robot, noise: Noise | None = None) -> Observed:
@@ -184,16 +137,16 @@ class Observed:
         return signal
 
     @cached_property
-    def _there(self) -> NDArray[np.bool_]:
-        """Which samples there are, (E, T) or (E, T, axes)."""
+    def there(self) -> NDArray[np.bool_]:
+        """Which samples there are, (E, T, axes)."""
         if self.weight is None:
-            return np.ones(self.signal.shape[:2], np.bool_)
+            return np.ones(self.signal.shape, np.bool_)
         return np.asarray(self.weight > 0.0, np.bool_)
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """The number of samples of each trial, up to the last that is not missing."""
-        any_axis = self._there.reshape(*self.signal.shape[:2], -1).max(axis=2)
+        any_axis = self.there.max(axis=2)
         last = any_axis.shape[1] - any_axis[:, ::-1].argmax(axis=1)
         return tuple(np.where(any_axis.max(axis=1), last, 0).tolist())
 
@@ -209,8 +162,7 @@ class Observed:
 
     def sampled(self, trials: Iterable[int], stride: int) -> int:
         """Return the number of samples of some trials and all axes if every n-th is taken."""
-        there = self._there[list(trials), ::stride]
-        return int(there.sum()) * (self.signal.shape[2] if there.ndim == 2 else 1)
+        return int(self.there[list(trials), ::stride].sum())
 
     def whitening(self, stride: int) -> Whitening | None:
         """Return what whitens the residuals of every n-th sample; None where nothing does."""
@@ -219,8 +171,7 @@ class Observed:
         samples = self.signal[:, ::stride].swapaxes(1, 2).shape  # (E, axes, T')
         weight = np.ones(samples)
         if self.weight is not None:
-            strided = self.weight[:, ::stride]
-            weight *= strided[:, None] if strided.ndim == 2 else strided.swapaxes(1, 2)
+            weight *= self.weight[:, ::stride].swapaxes(1, 2)
         if self.noise is None:
             return Whitening(weight, None, None)
         weight = weight / self.noise.sd[:, None]
@@ -234,9 +185,7 @@ class Observed:
     @cached_property
     def weighted(self) -> Floats:
         """The signal (E, T, axes) times the weights."""
-        if self.weight is None:
-            return self.signal
-        return self.signal * (self.weight if self.weight.ndim == 3 else self.weight[:, :, None])
+        return self.signal if self.weight is None else self.signal * self.weight
 
     def simulated(self, residuals: Iterable[Floats]) -> list[Floats]:
         """Return the signals (T, axes) of trials that leave some weighted residuals (T, axes).
@@ -246,14 +195,15 @@ class Observed:
         found = []
         for e, left in enumerate(residuals):
             own = slice(self.counts[e])
-            apart = left if self.weight is None else left / self.weight[e, own, None]
+            apart = left if self.weight is None else left / self.weight[e, own]
             found.append(self.signal[e, own] + apart)
         return found
 
     def slow_basis(self, trial: int, duration: float) -> SlowBasis:
         """Return the basis for errors of a trial that are correlated by exp(-|t - t'| / duration).
 
-        For evenly sampled errors it is nearly the cosine transform.
+        For evenly sampled errors it is nearly the cosine transform. All axes have the weights of
+        the first.
         """
         key = trial, duration
         if key not in self._bases:
@@ -262,7 +212,7 @@ class Observed:
 
     def _slow_basis(self, trial: int, duration: float) -> SlowBasis:
         count = self.counts[trial]
-        weight = np.ones(count) if self.weight is None else self.weight[trial, :count]
+        weight = np.ones(count) if self.weight is None else self.weight[trial, :count, 0]
         time = np.arange(count, dtype=float) if self.time is None else self.time[trial, :count]
         pace = float(np.diff(time).mean())
         uneven = np.abs(time - time[0] - pace * np.arange(count)).max() > EVEN_TIME_SHARE * pace
@@ -291,17 +241,3 @@ def _simulated(
             f"{signal.shape}"
         )
     return signal
-
-
-def spectrum(samples: int, duration: float) -> Floats:
-    """Return the variances (T,) of the cosine transform of noise with exp(-t / duration).
-
-    Examples
-    --------
-    >>> spectrum(4, 1e-3).round(6)
-    array([1., 1., 1., 1.])
-    """
-    kept = np.exp(-1.0 / duration)
-    angle = np.pi * np.arange(samples) / samples
-    variances: Floats = (1.0 - kept**2) / (1.0 - 2.0 * kept * np.cos(angle) + kept**2)
-    return variances

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from eea.core.checks import ConfigurationError, flag, real
-from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
-from eea.joint.posterior import Mode
+from eea.statistics.goodness_of_fit import Goodness
+from eea.statistics.posterior import Mode
 
 LEAST_SIGMA = 1e-15  # rad/s
 MOST_SIGMA = 1e3  # rad/s

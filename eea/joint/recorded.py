@@ -15,10 +15,11 @@ from eea.core.session import MAXIMUM_SEED
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import FINE, LEAST_RELATIVE_SIGMA, Regression
-from eea.joint.observed import Noise, Observed, Trial
+from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import Parameters
 from eea.joint.robot import Robot
 from eea.joint.search import Optima
+from eea.statistics.noise import Noise
 
 #: Hypotheses are always weighed: "nothing is broken" is a finding with a probability.
 RECORDED_CONFIG = FitConfig(alternatives="always")
@@ -134,12 +135,7 @@ def noise_left(optima: Sequence[Optima]) -> Noise:
         trials, samples, _ = observed.signal.shape
         flat = plain.misfit(FINE).residuals(one.fits.theta[:1])[0]
         left = flat.reshape(trials, channels, samples)
-        there = np.ones(left.shape)
-        if observed.weight is not None:
-            weight = observed.weight
-            there = np.broadcast_to(
-                (weight.swapaxes(1, 2) if weight.ndim == 3 else weight[:, None]) > 0.0, left.shape
-            ).astype(np.float64)
+        there = observed.there.swapaxes(1, 2).astype(np.float64)
         squares += (left**2).sum(axis=(0, 2))
         products += (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
         counts += there.sum(axis=(0, 2))
@@ -166,13 +162,8 @@ def _determined(optima: Optima) -> float:
 
 def first_guess(robot: Robot, observed: Observed) -> Noise:
     """Return noise as loud as each channel's signal about its mean, and white."""
-    there = np.isfinite(observed.signal)
-    if observed.weight is not None:
-        weight = observed.weight
-        there = np.broadcast_to(
-            (weight if weight.ndim == 3 else weight[:, :, None]) > 0.0, observed.signal.shape
-        )
-    rows = [observed.signal[:, :, c][there[:, :, c]] for c in range(observed.signal.shape[2])]
+    channels = range(observed.signal.shape[2])
+    rows = [observed.signal[:, :, c][observed.there[:, :, c]] for c in channels]
     for name, row in zip(robot.channels, rows, strict=True):
         if not len(row):
             raise ConfigurationError(

@@ -22,14 +22,15 @@ from scipy.special import stdtrit
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, instance, real
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import FALSE_ALARM_RATE
 from eea.joint.joint_posterior import LEAST_SD, JointPosterior
-from eea.joint.observed import Noise, Observed, Trial
+from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import FIXED_PRECISION
 from eea.joint.problem import Prior
 from eea.joint.recorded import first_guess, infer, noise_left
 from eea.joint.robot import Robot
 from eea.joint.search import Optima
+from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
+from eea.statistics.noise import Noise
 
 LEARNING_CONFIG = FitConfig(
     alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0

@@ -15,16 +15,16 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import (
+from eea.joint.initialization import hop, pose, relined, scan
+from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
+from eea.joint.parameters import Parameters
+from eea.joint.slow_errors import slow_errors
+from eea.statistics.goodness_of_fit import (
     LEAST_RELATIVE_RMS,
     Goodness,
     against_known_good,
     goodness_of_fit,
 )
-from eea.joint.initialization import hop, pose, relined, scan
-from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
-from eea.joint.parameters import Parameters
-from eea.joint.slow_errors import slow_errors
 
 CLOSE_COST = 10.0  # optima with a cost higher by this have under 1/20,000 of the best's weight
 MAXIMUM_HOPS = 3  # rounds of hops from the best optimum

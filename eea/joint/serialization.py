@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
-from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
-from eea.joint.observed import Noise
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_mode, check_posterior
-from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, Normal, Nuisance, Part, Prior
 from eea.joint.robot import Robot
+from eea.statistics.goodness_of_fit import Goodness
+from eea.statistics.noise import Noise
+from eea.statistics.posterior import Mode, Posterior
 
 POSTERIOR_SCHEMA = "eea.posterior/5"
 EARLIER_SCHEMA = "eea.posterior/4"  # of fish, with genomes of bodies and commands

@@ -35,7 +35,8 @@ from eea import (
 from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
 from eea.joint.inference import fit
 from eea.joint.observed import Observed
-from eea.joint.problem import Calibration, Discrepancy, Part, Prior
+from eea.joint.problem import Discrepancy, Part, Prior
+from eea.statistics.conformal import Calibration
 
 LENGTH = Variable("length", 2, 0.0, 3.0)
 LAYOUT = BitLayout([LENGTH])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from eea.joint.posterior import Mode, Posterior
+from eea.statistics.posterior import Mode, Posterior
 
 NAMES = ("length", "width", "thickness", "gain")
 # What each parameter does to four things felt, in sd of their noise: length is told best, width and

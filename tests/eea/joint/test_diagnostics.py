@@ -8,9 +8,9 @@ import pytest
 
 from eea.fish.hypotheses import AS_COMMANDED
 from eea.joint.diagnostics import Fit, findings
-from eea.joint.posterior import Posterior
 from eea.joint.problem import Hypothesis, Part
 from eea.joint.robot import Robot
+from eea.statistics.posterior import Posterior
 from linear_worlds import mode
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")

@@ -11,14 +11,16 @@ from scipy.signal import lfilter
 
 from eea import FitConfig
 from eea.joint.diagnostics import Fit, faults
-from eea.joint.goodness_of_fit import goodness_of_fit
 from eea.joint.inference import fit
 from eea.joint.least_squares import FINE, Regression, descend
-from eea.joint.observed import Observed, spectrum
+from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
-from eea.joint.problem import Calibration, Discrepancy, Hypothesis, Nuisance, Part
+from eea.joint.problem import Discrepancy, Hypothesis, Nuisance, Part
 from eea.joint.robot import Robot
 from eea.joint.slow_errors import slow_errors
+from eea.statistics.conformal import Calibration
+from eea.statistics.goodness_of_fit import goodness_of_fit
+from eea.statistics.noise import spectrum
 
 TIME = 0.01 * np.arange(1, 129)
 WAVE = np.sin(7.0 * TIME)

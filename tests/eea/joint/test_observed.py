@@ -10,10 +10,11 @@ import pytest
 from eea import FitConfig
 from eea.joint.inference import fit
 from eea.joint.least_squares import COARSE, FINE, Regression
-from eea.joint.observed import Observed, spectrum
+from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import Discrepancy
 from eea.joint.robot import Robot
+from eea.statistics.noise import spectrum
 
 TIME = 0.01 * np.arange(1, 129)
 QUICK = FitConfig(bodies=8, poses=4, descents=4, polished=2, restarts=0)
@@ -79,7 +80,7 @@ def test_weights_give_readings_of_unequal_noise_the_noise_of_one():
     averaged = np.where(np.arange(128) < 60, 10.0, 1.0)
     rng = np.random.default_rng(2)
     signal = even.signal + 0.01 * rng.normal(size=(3, 128, 1)) / np.sqrt(averaged)[:, None]
-    weighted = Observed(COMMANDS, signal, even.weight * np.sqrt(averaged))
+    weighted = Observed(COMMANDS, signal, even.weight * np.sqrt(averaged)[:, None])
     belief = fit(weighted, JOINT, QUICK, np.random.default_rng(1))
     assert belief.good, belief.verdict
     assert belief.sigma == pytest.approx(0.01, rel=0.1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.posterior import Mode, Posterior
+from eea.statistics.posterior import Mode, Posterior
 from swing import infer
 
 MASSES = (0.05, 0.3, 0.5, 0.9, 0.999)

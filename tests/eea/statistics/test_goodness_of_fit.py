@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from eea.core.checks import ConfigurationError
-from eea.joint.goodness_of_fit import autocorrelation, effective_count, goodness_of_fit
+from eea.statistics.goodness_of_fit import autocorrelation, effective_count, goodness_of_fit
 
 SIGMA = 0.01
 SHAPE = (4, 256, 3)

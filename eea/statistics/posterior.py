@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
-from eea.joint.truncated_normal import BoxNormal
+from eea.statistics.truncated_normal import BoxNormal
 
 SUMMARY_DRAWS = 4096  # a 5% quantile is then between the 4.3% and the 5.7% quantile
 #: Two equal normal densities have two peaks only if their centres are more than two sd apart.

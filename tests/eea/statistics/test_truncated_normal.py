@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.integrate import quad
 
-from eea.joint.truncated_normal import BoxNormal, draw_between, log_mass
+from eea.statistics.truncated_normal import BoxNormal, draw_between, log_mass
 
 
 def rotated(sds, seed):

@@ -1,0 +1,1 @@
+"""Statistics of joint inference that know no robot: densities in boxes, noise, goodness of fit."""
