@@ -14,7 +14,8 @@ from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
 from eea.fish.hypotheses import SERVO
 from eea.fish.joint import LAG, SERVO_GAIN
-from eea.joint.joint_posterior import INTERVAL_SAMPLES, JointPosterior
+from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES
+from eea.joint.joint_posterior import JointPosterior
 
 
 class Fins(NamedTuple):

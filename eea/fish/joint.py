@@ -27,7 +27,8 @@ from eea.joint.problem import (
     Values,
     groups_of,
 )
-from eea.joint.robot import MOST_STRIDE, Robot
+from eea.joint.robot import Robot
+from eea.joint.robot_model import MOST_STRIDE
 from eea.statistics.conformal import Calibration
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
@@ -80,7 +81,7 @@ def fish_signal(
     windows: LogWindows | None = None,
     hull: float = 1.0,
 ) -> NDArray[np.floating]:
-    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.robot.Simulate``.
+    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.robot_model.Simulate``.
 
     ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,).
     ``hull`` is a factor on the hull's mass.

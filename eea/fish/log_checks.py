@@ -23,10 +23,11 @@ from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typic
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
+from eea.joint.descent import descend
 from eea.joint.inference import fit
 from eea.joint.initialization import EVERY_FOURTH_SAMPLE, scan
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import COARSE, Regression, descend
+from eea.joint.least_squares import COARSE, Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 

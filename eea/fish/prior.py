@@ -16,7 +16,8 @@ from eea.fish.hypotheses import SERVO, fault_hypothesis
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.joint.combinations import joined
-from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
+from eea.joint.hypothesis_posterior import HypothesisPosterior
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_posterior
 from eea.joint.problem import Hypothesis, Normal

@@ -21,12 +21,13 @@ from scipy.stats import chi2, f
 
 from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
+from eea.joint.descent import descend
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import COARSE, FINE, Regression, descend
+from eea.joint.least_squares import COARSE, FINE, Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
-from eea.joint.robot import Robot
+from eea.joint.robot_model import RobotModel
 
 FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
 LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # 0 would never raise an alarm
@@ -66,7 +67,7 @@ class ChangeDetector:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotModel,
         belief: JointPosterior,
         alarm: float = FALSE_ALARM_PROBABILITY,
         seed: int = 0,

@@ -24,7 +24,7 @@ from eea.joint.least_squares import FINE
 from eea.joint.parameters import FIXED_SLOT
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
-from eea.joint.slow_errors import LEAST_EIGENVALUE_SHARE
+from eea.statistics.information import scaled
 from eea.statistics.posterior import Mode
 
 
@@ -107,17 +107,3 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
         weights = np.concatenate([observed.weight] * len(local))
         found = found * weights.swapaxes(1, 2)[:, None]
     return found.reshape(*local.shape[:2], found.shape[1], -1)
-
-
-def scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
-    """Return information and gradient of the same centre, with sds times ``factors`` (P,)."""
-    information = 0.5 * (information + information.T)
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    unit = information / np.outer(scale, scale)
-    step = (
-        np.linalg.pinv(unit, rcond=LEAST_EIGENVALUE_SHARE, hermitian=True)
-        @ (gradient / scale)
-        / scale
-    )
-    narrowed: Floats = information / np.outer(factors, factors)
-    return narrowed, narrowed @ step

@@ -8,22 +8,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, callback, choice, finite, instance
 from eea.core.config import FitConfig
-from eea.joint.discrepancy import doubted
+from eea.joint.evidence import log_prior_constant, mixture, with_doubt
+from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.initialization import pose
-from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
-from eea.joint.least_squares import FINE, Regression
+from eea.joint.joint_posterior import JointPosterior, WarmStart
+from eea.joint.least_squares import Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED_PRECISION, Parameters
 from eea.joint.problem import Hypothesis, Values
-from eea.joint.robot import Robot, Simulate
+from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima, halved, improved, search
-from eea.statistics.goodness_of_fit import effective_count
-from eea.statistics.posterior import Mode, Posterior
+from eea.statistics.posterior import Posterior
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
@@ -32,7 +31,7 @@ LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 def fit(
     observed: Observed,
-    robot: Robot,
+    robot: RobotModel,
     config: FitConfig,
     rng: np.random.Generator,
     earlier: JointPosterior | None = None,
@@ -47,7 +46,8 @@ def fit(
         -log p(theta | trials, h) = sum of r^2 / (2 sigma^2) - log p(theta | h) + constant
 
     Least squares finds its optima (:func:`~eea.joint.search.search`). A truncated normal
-    distribution stands for each (:func:`mixture`), and their integral is the evidence::
+    distribution stands for each (:func:`~eea.joint.evidence.mixture`), and their integral is the
+    evidence::
 
         p(h | trials) = p(trials | h) / (sum over g of p(trials | g))
 
@@ -78,7 +78,7 @@ def fit(
         If no simulation stays finite.
     """
     instance("observed", observed, Observed)
-    instance("robot", robot, Robot)
+    instance("robot", robot, RobotModel)
     instance("config", config, FitConfig)
     instance("rng", rng, np.random.Generator)
     if earlier is not None:
@@ -89,13 +89,13 @@ def fit(
         raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
-    counter = _Counter(robot.simulate, robot.takes_precision)
-    robot = replace(robot, simulate=counter)
+    counter = _Counter(robot)
+    robot = replace(robot.varying(config.per_trial), simulate=counter)
     start = (earlier and earlier.warm_start) or WarmStart()
     groups = robot.groups if config.nuisances is None else config.nuisances
 
     def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
-        parameters = Parameters.of(robot, len(observed), groups, hypothesis, config.per_trial)
+        parameters = Parameters.of(robot, len(observed), groups, hypothesis)
         regression = Regression(parameters, observed, config.noise, usual)
         before = start.optima.get(hypothesis.name)
         if progress is not None:
@@ -136,7 +136,7 @@ def fit(
             float(shares[i]),
             fitted[i][1].regression.parameters,
             mixtures[i],
-            _doubted(mixtures[i], fitted[i][1], best),
+            with_doubt(mixtures[i], fitted[i][1], best),
         )
         for i in np.argsort(-shares, kind="stable")
         if shares[i] > least
@@ -158,7 +158,7 @@ def fit(
     )
 
 
-def check_nuisances(robot: Robot, config: FitConfig) -> None:
+def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
     """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
     for name in config.nuisances or ():
         choice("nuisances", name, robot.groups)
@@ -174,16 +174,13 @@ def _least(optima: Optima) -> float:
 class _Counter:
     """A simulator that counts robots."""
 
-    def __init__(self, simulate: Simulate, takes_precision: bool) -> None:
-        self._simulate = simulate
-        self._takes_precision = takes_precision
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
         self.robots = 0
 
     def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
         self.robots += len(next(iter(values.values())))
-        if self._takes_precision:
-            return self._simulate(values, inputs, fine)  # type: ignore[call-arg]
-        return self._simulate(values, inputs)
+        return self._robot.signal(values, inputs, fine)
 
 
 def _optimize(
@@ -220,7 +217,7 @@ def _optimize(
 
 
 def _plausible(
-    robot: Robot,
+    robot: RobotModel,
     config: FitConfig,
     plain: Optima,
     alone: Posterior,
@@ -243,52 +240,6 @@ def _plausible(
         if any(least[place(dimension)] < ABSENT_SIZE_SHARE for dimension in part.area)
     }
     return [h for h in likely if h.name in probable or h.part in absent]
-
-
-def mixture(optima: Optima, best: Optima) -> Posterior:
-    """Return the posterior of optima, with noise estimated from the ``best`` fit of all.
-
-    Where its residuals are correlated, only the effective number of samples counts.
-    """
-    residuals = best.residuals
-    weight = effective_count(residuals) / sum(one.size for one in residuals) / best.sigma**2
-    parameters = optima.regression.parameters
-    theta = optima.fits.theta
-    linear = optima.regression.misfit(FINE).linearise(theta)
-    away = theta - parameters.prior_mean
-    modes = []
-    for k in range(len(theta)):
-        information = weight * linear.normal[k] + parameters.prior_information
-        information = 0.5 * (information + information.T)
-        gradient = weight * linear.gradient[k] + parameters.prior_information @ away[k]
-        cost = 0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])
-        modes.append(Mode(theta[k], information, float(cost), gradient))
-    return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
-
-
-def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
-    """Return the posterior if the simulator may be wrong, which a problem need not say."""
-    discrepancy = optima.regression.parameters.robot.discrepancy
-    if discrepancy is None:
-        return inside
-    return replace(inside, modes=doubted(optima, best, discrepancy))
-
-
-def log_prior_constant(parameters: Parameters) -> float:
-    """Return the constant of the log prior; it depends on the set of parameters."""
-    informed = parameters.prior_precision > 0.0
-    low = parameters.low
-    high = parameters.high
-    free = ~informed & ~parameters.circular  # uniform between the bounds
-    information = parameters.prior_information[np.ix_(informed, informed)]
-    mean = parameters.prior_mean[informed]
-    sd = np.sqrt(np.diag(np.linalg.inv(information)))
-    above = log_ndtr((high[informed] - mean) / sd)
-    below = log_ndtr((low[informed] - mean) / sd)
-    mass = above + np.log1p(-np.exp(below - above))  # inside the bounds, of each alone
-    mass = np.append(mass, np.log(high[free] - low[free]))
-    normal = 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1] - mass.sum()
-    return float(normal - np.count_nonzero(parameters.circular) * np.log(2.0 * np.pi))
 
 
 def carried_over(earlier: Optima, parameters: Parameters) -> Floats:

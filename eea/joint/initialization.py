@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats, circular_distance, wrap
 from eea.core.config import FitConfig
-from eea.joint.least_squares import COARSE, Precision, Regression, descend
+from eea.joint.descent import descend
+from eea.joint.least_squares import COARSE, Precision, Regression
 from eea.joint.parameters import Parameters
 from eea.statistics.latin_hypercube import latin_hypercube
 

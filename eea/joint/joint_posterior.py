@@ -12,19 +12,16 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.core.checks import TargetError, choice, instance, real, whole
 from eea.core.result import handed_on
-from eea.joint.broken import what_is_broken
-from eea.joint.diagnostics import Fit, beyond_range, findings
-from eea.joint.parameters import Parameters
-from eea.joint.problem import Hypothesis, Prior
-from eea.joint.robot import Robot
+from eea.joint.diagnostics import beyond_range, findings
+from eea.joint.faults import faults, fits_of, unnoticed
+from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES, HypothesisPosterior
+from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.goodness_of_fit import Goodness
 from eea.statistics.noise import Noise
 from eea.statistics.posterior import Posterior, holding, intervals
 
-INTERVAL_SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
-LEAST_SD = 1e-6  # share of a range, in a prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,30 +33,6 @@ class WarmStart:
     dropped: frozenset[str] = frozenset()  #: Hypotheses that are not fitted again.
     explained: bool = True  #: Whether the nominal fit left nothing but noise.
     robots: int = 0  #: Number of trials that the fit simulated.
-
-
-@dataclass(frozen=True, eq=False)
-class HypothesisPosterior:
-    """One hypothesis, its probability, and the posterior if it holds."""
-
-    hypothesis: Hypothesis
-    probability: float
-    parameters: Parameters
-    posterior: Posterior  #: The posterior if the simulator is right.
-    doubted: Posterior  #: The posterior with the problem's ``discrepancy``.
-
-    def prior(self) -> Prior:
-        """Return what is known of the body and the nuisances common to all trials.
-
-        Angles are left out: they may have changed since, even that of a seized servo.
-        """
-        names = self.parameters.names
-        entries = [
-            i for i, n in enumerate(names) if "@" not in n and not self.parameters.circular[i]
-        ]
-        theta = self.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))[:, entries]
-        covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
-        return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +55,7 @@ class JointPosterior:
     noise: Noise | None = None
 
     @property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotModel:
         """The robot."""
         return self.branches[0].parameters.robot
 
@@ -173,13 +146,13 @@ class JointPosterior:
             return None
         rng = np.random.default_rng(0)
         shares = np.array([b.probability for b in moved])
-        drawn = []
-        for b, count in zip(
-            moved, rng.multinomial(INTERVAL_SAMPLES, shares / shares.sum()).tolist(), strict=True
-        ):
-            names = [one.removesuffix("@1") for one in b.parameters.names]
-            theta = b.doubted.sample(count, rng) if count else np.empty((0, len(names)))
-            drawn.append(b.parameters.natural(theta)[:, names.index(name)])
+        drawn = [
+            b.parameters.natural(b.doubted.sample(count, rng))[:, b.parameters.first_entry(name)]
+            for b, count in zip(
+                moved, rng.multinomial(INTERVAL_SAMPLES, shares / shares.sum()), strict=True
+            )
+            if count
+        ]
         ends = [0.5 - mass / 2, 0.5, 0.5 + mass / 2]
         low, middle, high = np.quantile(np.concatenate(drawn), ends).tolist()
         return middle, low, high
@@ -193,16 +166,11 @@ class JointPosterior:
         names, as of the most probable hypothesis, or of another by its name. An interval holds its
         median; that of an angle may end beyond pi.
         """
-        best = self.branches[0]
-        if hypothesis is not None:
-            fitted = {branch.hypothesis.name: branch for branch in self.branches}
-            choice("hypothesis", hypothesis, fitted)
-            best = fitted[hypothesis]
-        low, high = best.doubted.interval(mass)
-        low, high, middle = holding(low, high, best.posterior.median(), best.parameters.circular)
-        shares = np.array([middle, low, high])
-        rows = map(tuple, best.parameters.natural(shares).T.tolist())
-        return dict(zip(best.parameters.names, rows, strict=True))
+        if hypothesis is None:
+            return self.branches[0].table(mass)
+        fitted = {branch.hypothesis.name: branch for branch in self.branches}
+        choice("hypothesis", hypothesis, fitted)
+        return fitted[hypothesis].table(mass)
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (h,) of the intervals of a trial's hidden angles, rad.
@@ -228,19 +196,15 @@ class JointPosterior:
     def findings(self) -> list[str]:
         """The findings in sentences, most important first."""
         best = self.branches[0]
-        nominal = self.robot.nominal.name
-        if self.goodness.good and not self.robot.parts:
-            return what_is_broken(self) if self.robot.alternatives else []
+        if self.goodness.good and self.robot.parts:
+            return findings(best.posterior, self.robot, fits_of(self.branches))
+        if self.goodness.good and self.robot.alternatives:
+            return faults(fits_of(self.branches), self.robot) + unnoticed(self.branches)
         if self.goodness.good:
-            costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
-            fits = [
-                Fit(b.hypothesis, b.probability, cost - min(costs))
-                for b, cost in zip(self.branches, costs, strict=True)
-            ]
-            return findings(best.posterior, self.robot, fits)
+            return []
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
         said = [self.goodness.verdict]
-        if best.hypothesis.name != nominal:
+        if best.hypothesis.name != self.robot.nominal.name:
             said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
         return said + beyond_range(best.posterior, self.robot)
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, brief
 from eea.joint.problem import Values
-from eea.joint.robot import Robot
+from eea.joint.robot_model import RobotModel
 from eea.statistics.noise import Noise, SlowBasis, Whitening, spectrum
 
 # Of the mean distance of two samples: readings within it of even times count as even.
@@ -88,7 +88,7 @@ class Observed:
             object.__setattr__(self, "weight", weight)
 
     @classmethod
-    def of(cls, trials: Sequence[Trial], robot: Robot, noise: Noise | None = None) -> Observed:
+    def of(cls, trials: Sequence[Trial], robot: RobotModel, noise: Noise | None = None) -> Observed:
         """Return recorded trials, which may be of unequal length and have missing samples."""
         channels = len(robot.channels)
         if not all_of("trials", trials, Trial):
@@ -115,7 +115,7 @@ class Observed:
         return len(self.signal)
 
     def simulate(
-        self, robot: Robot, values: Values, trials: NDArray[np.intp], fine: bool
+        self, robot: RobotModel, values: Values, trials: NDArray[np.intp], fine: bool
     ) -> NDArray[Any]:
         """Return simulated signals (B, T, axes) of ``values`` (B,) by name, of ``trials`` (B,).
 
@@ -224,13 +224,10 @@ class Observed:
 
 
 def _simulated(
-    robot: Robot, values: Values, inputs: Any, fine: bool, least: tuple[int, int]
+    robot: RobotModel, values: Values, inputs: Any, fine: bool, least: tuple[int, int]
 ) -> NDArray[Any]:
     """Return what a robot's simulator does, of at ``least`` (trials, samples)."""
-    if robot.takes_precision:
-        signal = np.asarray(robot.simulate(values, inputs, fine))  # type: ignore[call-arg]
-    else:
-        signal = np.asarray(robot.simulate(values, inputs))
+    signal = np.asarray(robot.signal(values, inputs, fine))
     trials, samples = least
     channels = len(robot.channels)
     sound = signal.dtype.kind in "fiu" and signal.ndim == 3

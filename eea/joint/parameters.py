@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis
-from eea.joint.robot import Robot
+from eea.joint.robot_model import RobotModel
 
 FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
 # Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
@@ -27,7 +27,7 @@ class Parameters:
     is one of the W numbers that a trial is simulated with: body, nuisances, angles.
     """
 
-    robot: Robot
+    robot: RobotModel
     names: tuple[str, ...]  #: Of the entries; those of trial e end in ``@e``, from 1.
     low: Floats  #: Lower bounds (P,); infinite for angles.
     high: Floats  #: Upper bounds (P,).
@@ -45,16 +45,12 @@ class Parameters:
     @classmethod
     def of(
         cls,
-        robot: Robot,
+        robot: RobotModel,
         trials: int,
         groups: Collection[str],
         hypothesis: Hypothesis | None = None,
-        per_trial: Collection[str] = (),
     ) -> Parameters:
-        """Return the unknowns of a number of trials.
-
-        Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
-        """
+        """Return the unknowns of a number of trials; nuisances outside ``groups`` are nominal."""
         hypothesis = robot.nominal if hypothesis is None else hypothesis
         fixed = robot.fixed(hypothesis)
         nuisances = robot.nuisance_list
@@ -78,7 +74,7 @@ class Parameters:
             constants[i] = mean = (nuisance.nominal - low[i]) / span[i]
             precision = (span[i] / nuisance.sd) ** 2
             inferred = nuisance.start or (nuisance.group in groups and not nuisance.switch)
-            by_trial = nuisance.start or nuisance.group in per_trial or name in robot.each_trial
+            by_trial = nuisance.start or name in robot.each_trial
             if name in fixed:
                 constants[i] = (fixed[name] - low[i]) / span[i]
             elif name in hypothesis.freed or (inferred and not by_trial):
@@ -179,6 +175,10 @@ class Parameters:
         theta[:, : self.body] = np.where(sought, within, theta[:, : self.body])
         return theta
 
+    def first_entry(self, name: str) -> int:
+        """Return which entry is a number, in the first trial if each trial has its own."""
+        return self.names.index(name if name in self.names else f"{name}@1")
+
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries (h,) are a trial's hidden angles."""
         return self.slots[trial, self.slots.shape[1] - len(self.robot.hidden) :]
@@ -220,7 +220,9 @@ class _Prior(NamedTuple):
     high: Floats
 
 
-def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
+def _inform(
+    prior: _Prior, robot: RobotModel, hypothesis: Hypothesis, names: tuple[str, ...]
+) -> None:
     """Write a robot's own prior over that of entries that no hypothesis moves, in place."""
     known = robot.prior
     if known is None:
@@ -241,7 +243,7 @@ def _inform(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[st
         prior.information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
 
 
-def _move(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
+def _move(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
     """Write what a hypothesis moves, and how far, into the prior, in place.
 
     A change adds to what was known, and is the same in all trials. Its bounds count from the mean
@@ -263,7 +265,7 @@ def _move(prior: _Prior, robot: Robot, hypothesis: Hypothesis, names: tuple[str,
             prior.information[block] = 0.0
 
 
-def _variance(robot: Robot, name: str, information: Floats) -> float:
+def _variance(robot: RobotModel, name: str, information: Floats) -> float:
     """Return the variance of a number before it moved, as a share of its range squared."""
     if name in robot.whole:
         return 0.0

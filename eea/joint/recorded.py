@@ -17,7 +17,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import Parameters
-from eea.joint.robot import Robot
+from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.noise import Noise
 
@@ -30,7 +30,7 @@ SIGNIFICANT_SDS = 3.0  # of white noise's correlation: a smaller correlation cou
 
 
 def infer(
-    robot: Robot,
+    robot: RobotModel,
     trials: Sequence[Trial],
     seed: int = 0,
     config: FitConfig | None = None,
@@ -62,7 +62,7 @@ def infer(
     TargetError
         If no simulation stays finite.
     """
-    instance("robot", robot, Robot)
+    instance("robot", robot, RobotModel)
     if robot.discrepancy is not None:
         raise ConfigurationError(
             "discrepancy must be None where the channels' noise is inferred: AR(1) noise is what a "
@@ -76,7 +76,7 @@ def infer(
             f"config must have noise=None: noise is given by channel; got {config.noise:g}"
         )
     observed = Observed.of(trials, robot)
-    _check_enough(robot, observed, config)
+    _check_enough(robot.varying(config.per_trial), observed, config)
     rng = np.random.default_rng(seed)
     if noise is not None:
         known = noise if isinstance(noise, Noise) else _given(noise, robot)
@@ -102,11 +102,11 @@ def infer(
     return posterior
 
 
-def _check_enough(robot: Robot, observed: Observed, config: FitConfig) -> None:
+def _check_enough(robot: RobotModel, observed: Observed, config: FitConfig) -> None:
     """Raise a ConfigurationError if trials are too short, or a change has nowhere to start."""
     groups = robot.groups if config.nuisances is None else config.nuisances
     for hypothesis in (robot.nominal, *robot.alternatives):
-        of = Parameters.of(robot, len(observed), groups, hypothesis, config.per_trial)
+        of = Parameters.of(robot, len(observed), groups, hypothesis)
         if observed.size <= of.unknowns:
             raise ConfigurationError(
                 f"trials must have more samples than the {of.unknowns} unknowns if "
@@ -160,7 +160,7 @@ def _determined(optima: Optima) -> float:
     return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
 
 
-def first_guess(robot: Robot, observed: Observed) -> Noise:
+def first_guess(robot: RobotModel, observed: Observed) -> Noise:
     """Return noise as loud as each channel's signal about its mean, and white."""
     channels = range(observed.signal.shape[2])
     rows = [observed.signal[:, :, c][observed.there[:, :, c]] for c in channels]
@@ -173,7 +173,7 @@ def first_guess(robot: Robot, observed: Observed) -> Noise:
     return Noise(np.array(spread), np.zeros(len(spread)))
 
 
-def _given(noise: Mapping[str, float], robot: Robot) -> Noise:
+def _given(noise: Mapping[str, float], robot: RobotModel) -> Noise:
     """Return known noise, by the channels' names, as it is reckoned with."""
     mapping("noise", noise, numbers.Real)
     for name in noise:

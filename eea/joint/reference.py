@@ -22,12 +22,13 @@ from scipy.special import stdtrit
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, instance, real
 from eea.core.config import FitConfig
-from eea.joint.joint_posterior import LEAST_SD, JointPosterior
+from eea.joint.hypothesis_posterior import LEAST_SD
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import FIXED_PRECISION
 from eea.joint.problem import Prior
 from eea.joint.recorded import first_guess, infer, noise_left
-from eea.joint.robot import Robot
+from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 from eea.statistics.noise import Noise
@@ -52,7 +53,7 @@ class Look(NamedTuple):
 class Reference:
     """A robot as its known-good logs showed it; made by :meth:`Robot.learn`."""
 
-    robot: Robot  #: With what was learned as its prior.
+    robot: RobotModel  #: With what was learned as its prior.
     noise: Noise  #: Of each channel.
     misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
 
@@ -79,7 +80,7 @@ class Reference:
 
 
 def learn(
-    robot: Robot,
+    robot: RobotModel,
     known_good: Sequence[Trial],
     sessions: Sequence[object] | None = None,
     seed: int = 0,
@@ -106,7 +107,7 @@ def learn(
     ConfigurationError
         If there are fewer than two logs, or not as many labels as logs.
     """
-    instance("robot", robot, Robot)
+    instance("robot", robot, RobotModel)
     if len(all_of("known_good", known_good, Trial)) < 2:
         raise ConfigurationError(f"known_good must be two logs or more; got {len(known_good)}")
     labels = [0] * len(known_good) if sessions is None else list(sessions)
@@ -139,7 +140,7 @@ class LogFit(NamedTuple):
     covariance: Floats  #: (k, k)
 
 
-def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise, seed: int) -> LogFit:
+def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed: int) -> LogFit:
     posterior = infer(robot, [log], seed, config, noise)
     optima = posterior.best_fit
     branch = posterior.branches[0]
@@ -155,8 +156,7 @@ def _fitted(robot: Robot, log: Trial, config: FitConfig, noise: Noise, seed: int
         and base not in starts
     ]
     least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)
-    inverse = np.asarray(np.linalg.pinv(mode.information + np.diag(least), hermitian=True))
-    covariance = inverse[np.ix_(entries, entries)]
+    covariance = mode.covariance(least)[np.ix_(entries, entries)]
     names = tuple(bases[i] for i in entries)
     return LogFit(optima, names, mode.theta[entries], covariance)
 

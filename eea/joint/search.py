@@ -15,8 +15,9 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
+from eea.joint.descent import Fitted, descend
 from eea.joint.initialization import hop, pose, relined, scan
-from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
+from eea.joint.least_squares import COARSE, FINE, Regression
 from eea.joint.parameters import Parameters
 from eea.joint.slow_errors import slow_errors
 from eea.statistics.goodness_of_fit import (
@@ -252,5 +253,5 @@ def _unique(
         if not kept or apart.max(axis=1).min() > same:
             kept.append(i)
     if not kept:
-        raise TargetError("no body was found whose simulation stays finite")
+        raise TargetError("no values were found with a simulation that stays finite")
     return ordered.of(kept)

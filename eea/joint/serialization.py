@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
-from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
+from eea.joint.hypothesis_posterior import HypothesisPosterior
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.problem import Hypothesis, Normal, Nuisance, Part, Prior
@@ -109,13 +110,18 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
 
 
 def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
+    # Files of earlier versions list only some of what varies from trial to trial.
+    entries = {name for row in header["branches"] for name in row["parameters"]}
+    varying = [
+        n["name"] for n in header["nuisances"] if f"{n['name']}@1" in entries and not n.get("start")
+    ]
     robot = Robot(
         {name: tuple(ends) for name, ends in header["parameters"].items()},
         _no_simulator,
         header["channels"],
         header["whole"],
         tuple(Nuisance(**nuisance) for nuisance in header["nuisances"]),
-        header["each_trial"],
+        tuple(dict.fromkeys([*header["each_trial"], *varying])),
         header["hidden"],
         tuple(map(_hypothesis, header["hypotheses"])),
         units=header["units"],
@@ -148,9 +154,9 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     for row in header["branches"]:
         hypothesis = hypotheses[row["hypothesis"]]
         names = row["parameters"]
-        per_trial = {n.group for n in robot.nuisance_list if f"{n.name}@1" in names}
-        inferred = per_trial | {n.group for n in robot.nuisance_list if n.name in names}
-        parameters = Parameters.of(robot, trials, inferred, hypothesis, per_trial)
+        bases = {name.removesuffix("@1") for name in names}
+        inferred = {n.group for n in robot.nuisance_list if n.name in bases}
+        parameters = Parameters.of(robot, trials, inferred, hypothesis)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
         own = slice(len(names))

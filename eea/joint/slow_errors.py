@@ -14,8 +14,8 @@ from scipy.special import gammaincc
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.parameters import FIXED_SLOT
+from eea.statistics.information import scaled_inverse
 
-LEAST_EIGENVALUE_SHARE = 1e-12  # of the largest; directions below have no information
 ACTIVE_BOUND_DISTANCE = 1e-9  # share of a range
 
 
@@ -74,10 +74,6 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
 
 def _taken(sums: Floats, prior: Floats) -> Floats:
     """Return (J^T J + prior)^-1 J^T W^n J, (3, P, P), without uninformed directions."""
-    whole = sums[0] + prior
-    scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(
-        whole / np.outer(scale, scale), rcond=LEAST_EIGENVALUE_SHARE, hermitian=True
-    )
+    inverse, scale = scaled_inverse(sums[0] + prior)
     found: Floats = (inverse / np.outer(scale, scale)) @ sums
     return found

@@ -30,7 +30,7 @@ class Goodness:
     >>> goodness_of_fit(noise, parameters=12, sigma=0.01).good
     True
     >>> print(goodness_of_fit(noise + swing, parameters=12, unit="rad/s").verdict)
-    no body explains the log: the best fit leaves 0.0177 rad/s, which is not noise: neighbouring
+    no robot explains the log: the best fit leaves 0.0177 rad/s, which is not noise: neighbouring
     samples correlate by 0.68 (p < 1e-6)
     """
 
@@ -129,13 +129,13 @@ def goodness_of_fit(
     loud = sigma is None and rms > loudest
     if p >= FALSE_ALARM_RATE and loud:
         words = (
-            f"no body explains the log: {words}, more than a sensor's noise (if it is noise, "
+            f"no robot explains the log: {words}, more than a sensor's noise (if it is noise, "
             "its standard deviation must be given)"
         )
     elif p >= FALSE_ALARM_RATE:
         words += f", as noise would ({how_sure})"
     else:
-        words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
+        words = f"no robot explains the log: {words}, which is {worst} ({how_sure})"
     good = p >= FALSE_ALARM_RATE and not loud
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
@@ -169,7 +169,7 @@ def against_known_good(misfit: float, usual: Floats, away: float, freedom: int) 
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     words += f" ({how_sure})"
     if not good:
-        words = f"no body explains the log: {words}"
+        words = f"no robot explains the log: {words}"
     return Goodness(rms, size_p, 1.0, 1.0, p, good, words)
 
 
@@ -212,7 +212,7 @@ def autocorrelation(
 
 
 def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
-    """Return the largest residual, divided by its axis's rms over all trials, and in rad/s."""
+    """Return the largest residual, divided by its axis's rms over all trials, and in their unit."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
     most = np.abs(samples).max(axis=0)

@@ -31,6 +31,14 @@ class Mode(NamedTuple):
     cost: float  #: -log posterior at ``theta``, up to a constant common to all modes.
     gradient: Floats  #: (P,), nonzero where a bound holds the optimum.
 
+    def covariance(self, least: Floats | float = 0.0) -> Floats:
+        """Return the covariance (P, P) of the normal, after a prior of precisions ``least`` (P,).
+
+        Directions without information have none.
+        """
+        information = self.information + least * np.eye(len(self.theta))
+        return np.asarray(np.linalg.pinv(information, hermitian=True))
+
 
 def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, ...]:
     """Return the modes, best first, without duplicates.

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from eea.core.config import FitConfig
-from eea.joint.broken import would_not_show
 from eea.joint.joint_posterior import JointPosterior
+from eea.joint.least_change import would_not_show
 from eea.joint.observed import Trial
 from eea.joint.reference import widening
 from experiments.real.crazypad import MOTORS, SESSIONS, Floats, build, flights, session
@@ -73,7 +73,7 @@ def infer(known: Known, hovers: Sequence[Hover], noise: Mapping[str, float]) -> 
 
 
 def _hidden(found: JointPosterior, name: str) -> float:
-    least = would_not_show(found, name)
+    least = would_not_show(found.branches, name)
     return math.nan if least is None else least
 
 

@@ -13,8 +13,10 @@ from eea.core.session import streams
 from eea.fish.hypotheses import AS_COMMANDED
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
-from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
-from eea.joint.least_squares import FINE, Misfit, descend
+from eea.joint.descent import descend
+from eea.joint.hypothesis_posterior import HypothesisPosterior
+from eea.joint.joint_posterior import JointPosterior
+from eea.joint.least_squares import FINE, Misfit
 from eea.joint.parameters import Parameters
 from instruments.inference.calibration import ranks
 from instruments.inference.robots import Floats, Robot, draw_body, draw_world

@@ -34,9 +34,9 @@ from eea.core.session import streams
 from eea.fish.joint import DISCREPANCY_SCHEMA, fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
-from eea.joint.discrepancy import scaled
 from eea.joint.inference import fit
 from eea.statistics.goodness_of_fit import autocorrelation
+from eea.statistics.information import scaled
 from instruments.inference.robots import SPANS, Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import Setting, World
 from instruments.verification.foreign_law import simulate_law

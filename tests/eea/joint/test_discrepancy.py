@@ -10,9 +10,10 @@ from scipy.fft import dct
 from scipy.signal import lfilter
 
 from eea import FitConfig
-from eea.joint.diagnostics import Fit, faults
+from eea.joint.descent import descend
+from eea.joint.faults import Fit, faults
 from eea.joint.inference import fit
-from eea.joint.least_squares import FINE, Regression, descend
+from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import Discrepancy, Hypothesis, Nuisance, Part
@@ -143,7 +144,7 @@ MISSING = Hypothesis("the fin is missing", {"size": 0.0}, part="fin")
 def test_hypotheses_that_fit_alike_are_one_statement():
     fits = [Fit(SEIZED, 0.6, 0.0), Fit(MISSING, 0.3, 0.1), Fit(RIGHT.nominal, 0.1, 0.5)]
     assert faults(fits, FIN) == [
-        "the servo is seized (60%), but the data fit alike if the fin is missing (30%) or "
+        "the servo is seized (60%); the data fit nearly alike if the fin is missing (30%) or "
         "nothing is wrong with it; a faster fin would tell"
     ]
 

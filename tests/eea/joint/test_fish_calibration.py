@@ -11,7 +11,7 @@ from eea import FitConfig, RecordedLog, SwimLog, infer_log
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
-from eea.joint.inference import mixture
+from eea.joint.evidence import mixture
 from eea.joint.least_squares import Regression
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
@@ -89,7 +89,7 @@ def test_a_world_that_is_not_imagined_is_noticed():
     water = Setting("reactive water", 1, world="reactive", trials=1, noise=0.003)
     (one,) = examined(water, [0])
     assert not one["good"]
-    assert one["findings"][0].startswith("no body explains the log")
+    assert one["findings"][0].startswith("no robot explains the log")
 
 
 EDGE = Setting("edges", 6, "edge", trials=1, noise=0.0003)

@@ -10,11 +10,12 @@ import pytest
 
 from eea.core.experiment import RecordedLog
 from eea.joint import inference
+from eea.joint.descent import Fitted
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import Fitted, Regression
+from eea.joint.least_squares import Regression
 from eea.joint.parameters import FIXED_PRECISION
 from eea.joint.problem import Hypothesis, Part
-from eea.joint.robot import NOTHING_BROKEN
+from eea.joint.robot_model import NOTHING_BROKEN
 from eea.joint.search import Optima, search
 from eea.joint.session import JointInference
 from tests.eea.joint.swing import CONFIG, PROBLEM, SIGMA, SWING, infer, simulate
@@ -103,8 +104,8 @@ def test_hypotheses_that_fail_have_no_probability_in_the_findings() -> None:
     belief = infer(motor=0.0, alternatives="always").belief
     assert belief.good
     assert belief.findings[0].startswith("the motor is dead (")
-    wrong = replace(belief.goodness, good=False, verdict="no body explains the log")
+    wrong = replace(belief.goodness, good=False, verdict="no robot explains the log")
     assert replace(belief, goodness=wrong).findings[:2] == [
-        "no body explains the log",
+        "no robot explains the log",
         "the best of the hypotheses that fail: the motor is dead",
     ]

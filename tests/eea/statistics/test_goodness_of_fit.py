@@ -57,7 +57,7 @@ def test_noise_larger_than_known_is_found_out_by_its_size_alone():
     fit = goodness_of_fit(noise, 27, SIGMA)
     assert not fit.good
     assert fit.whiteness_p > 0.01
-    assert fit.verdict.startswith("no body explains the log")
+    assert fit.verdict.startswith("no robot explains the log")
     assert "1.1 times the noise" in fit.verdict
     assert goodness_of_fit(noise, 27, None).good
 
