@@ -15,10 +15,11 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "core": core.__all__,
         "fish": fish.__all__,
-        "joint.problem": ["Hypothesis", "Normal", "Nuisance"],
+        "joint.problem": ["Hypothesis", "Nuisance"],
         "joint.observed": ["Trial"],
         "joint.robot": ["Robot"],
         "joint.session": ["JointInference"],
+        "statistics.normal": ["Normal"],
         "study.presets": ["FIGURES", "figure_config"],
     },
 )

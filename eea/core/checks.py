@@ -116,6 +116,12 @@ def real(argument: str, value: Any, low: float, high: float = math.inf) -> None:
     _require(sound, argument, f"a finite number {span}", value)
 
 
+def real_or_infinite(argument: str, value: Any, low: float) -> None:
+    """Refuse ``value`` unless it is a number of at least ``low``, which may be infinite."""
+    if not (isinstance(value, float) and math.isinf(value) and value >= low):
+        real(argument, value, low)
+
+
 def whole_field(default: int | None, low: int, high: int) -> Any:
     """Return a field of settings whose value :func:`check_fields` checks by :func:`whole`."""
     return field(default=default, metadata={"check": partial(whole, low=low, high=high)})

@@ -20,10 +20,11 @@ from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_posterior
-from eea.joint.problem import Hypothesis, Normal
+from eea.joint.problem import Hypothesis
 from eea.joint.robot import Robot
 from eea.statistics.goodness_of_fit import Goodness
-from eea.statistics.posterior import Mode, Posterior
+from eea.statistics.normal import Normal
+from eea.statistics.posterior import Mode
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
@@ -68,9 +69,7 @@ def known_body(
     parameters = Parameters.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
     mode = Mode(mean, parameters.prior_information, 0.0, np.zeros(len(mean)))
-    posterior = Posterior(
-        parameters.names, parameters.low, parameters.high, parameters.circular, [mode]
-    )
+    posterior = parameters.posterior([mode])
     goodness = Goodness(noise, 1.0, 1.0, 1.0, 1.0, good=True, verdict="the body is known")
     branch = HypothesisPosterior(known, 1.0, parameters, posterior, posterior)
     return JointPosterior((branch,), goodness, noise, 0)

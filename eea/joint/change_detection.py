@@ -1,7 +1,7 @@
-"""Change detection in a log: tests whether its windows still fit the posterior of the body.
+"""Change detection in a log: tests whether its windows still fit the posterior of the robot.
 
 Each window is fitted with the posterior as the prior, so that neither its unknown initial state nor
-the posterior's uncertainty counts as a change. For the same body
+the posterior's uncertainty counts as a change. For the same robot
 
     2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square,
 
@@ -39,9 +39,9 @@ POSE_SCANS = 6  # scans that share the random starts
 class WindowTest(NamedTuple):
     """The test of one window."""
 
-    p: float  #: The p-value of the fit, if the body is the same.
+    p: float  #: The p-value of the fit, if the robot is the same.
     same: bool  #: Whether it is at least the probability of a false alarm.
-    excess: float  #: The cost relative to its mean for the same body.
+    excess: float  #: The cost relative to its mean for the same robot.
 
 
 def check_alarm(alarm: float) -> None:

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 
-from eea.joint.problem import Hypothesis, Normal
+from eea.joint.problem import Hypothesis
+from eea.statistics.normal import Normal
 
 CHANGE_ODDS = 0.1  # of a change of any number, relative to none
 

@@ -21,7 +21,6 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE
-from eea.joint.parameters import FIXED_SLOT
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
 from eea.statistics.information import scaled
@@ -53,7 +52,6 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     shapes = _shapes(optima, discrepancy)
     size = len(parameters)
     count = shapes.shape[2]
-    entries = parameters.slots[:, misfit.free]
     level = best.sigma / float(np.sqrt((observed.weighted**2).sum()))
     # The factors were measured on good fits.
     calibration = discrepancy.calibration if best.goodness.good else None
@@ -66,10 +64,9 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         away = theta - parameters.prior_mean
         gradient[:size] = parameters.prior_information @ away
         squares = 0.0
-        for e in range(len(observed)):
-            used = entries[e] != FIXED_SLOT
+        for e, (used, entries) in enumerate(misfit.columns):
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
-            at = np.concatenate([entries[e, used], size + np.arange(count)])
+            at = np.concatenate([entries, size + np.arange(count)])
             columns = whitened(columns, e)
             residuals = whitened(linear.residuals[k, e][None], e)[0]
             normal[at[:, None], at] += columns @ columns.T

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.joint.parameters import Parameters
 from eea.joint.problem import Hypothesis, Prior
 from eea.statistics.posterior import Posterior, holding
@@ -25,7 +27,7 @@ class HypothesisPosterior:
     doubted: Posterior  #: The posterior with the problem's ``discrepancy``.
 
     def prior(self) -> Prior:
-        """Return what is known of the body and the nuisances common to all trials.
+        """Return what is known of the parameters and the nuisances common to all trials.
 
         Angles are left out: they may have changed since, even that of a seized servo.
         """
@@ -49,3 +51,16 @@ class HypothesisPosterior:
         low, high, middle = holding(low, high, self.posterior.median(), parameters.circular)
         rows = map(tuple, parameters.natural(np.array([middle, low, high])).T.tolist())
         return dict(zip(parameters.names, rows, strict=True))
+
+
+def mixed(
+    branches: Sequence[HypothesisPosterior],
+    count: int,
+    rng: np.random.Generator,
+    draw: Callable[[HypothesisPosterior, int], Floats],
+) -> Floats:
+    """Return ``count`` draws, as many of each hypothesis as its probability makes of them."""
+    shares = np.array([branch.probability for branch in branches])
+    counts = rng.multinomial(count, shares / shares.sum())
+    drawn = [draw(one, int(times)) for one, times in zip(branches, counts, strict=True) if times]
+    return np.concatenate(drawn)

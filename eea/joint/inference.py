@@ -39,7 +39,7 @@ def fit(
     doubt: Callable[[Optima], bool] | None = None,
     usual: Floats | None = None,
 ) -> JointPosterior:
-    """Return the posterior over body, nuisances, hidden angles and hypotheses, given some trials.
+    """Return the posterior of parameters, nuisances, hidden angles and hypotheses, given trials.
 
     Under a hypothesis h, with residuals r, the unknowns theta of all trials have the posterior ::
 
@@ -193,7 +193,7 @@ def _optimize(
 ) -> Optima:
     """Fit all trials under a hypothesis, also from ``earlier`` and from the nominal fit's optima.
 
-    ``once``: one scan without restarts, because no body explained the earlier trials. Alternatives
+    ``once``: one scan without restarts, because no robot explained the earlier trials. Alternatives
     get one scan, too. Later rounds halve their descents, because most alternatives are wrong.
     """
     parameters = regression.parameters
@@ -208,7 +208,7 @@ def _optimize(
     if plain is None:
         return search(regression, rng, config, starts, once)
     as_commanded = carried_over(plain, parameters)
-    # Where no body explains the trials, the searches of worse hypotheses are not completed.
+    # Where no robot explains the trials, the searches of worse hypotheses are not completed.
     rival = np.inf if plain.goodness.good else _least(plain)
     if starts is None:
         return search(regression, rng, config, as_commanded, rival=rival)

@@ -14,12 +14,12 @@ from eea.core.checks import TargetError, choice, instance, real, whole
 from eea.core.result import handed_on
 from eea.joint.diagnostics import beyond_range, findings
 from eea.joint.faults import faults, fits_of, unnoticed
-from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES, HypothesisPosterior
+from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES, HypothesisPosterior, mixed
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.goodness_of_fit import Goodness
 from eea.statistics.noise import Noise
-from eea.statistics.posterior import Posterior, holding, intervals
+from eea.statistics.posterior import holding, intervals
 
 MAXIMUM_SAMPLES = 10**7
 
@@ -37,10 +37,10 @@ class WarmStart:
 
 @dataclass(frozen=True, eq=False)
 class JointPosterior:
-    """A posterior over bodies, nuisances, angles and hypotheses.
+    """A posterior over parameters, nuisances, angles and hypotheses.
 
     Samples and intervals mix all hypotheses, in proportion to their probabilities, and include
-    model discrepancy. The median body, the probabilities and the findings assume that the
+    model discrepancy. The medians, the probabilities and the findings assume that the
     simulator is right.
     """
 
@@ -67,63 +67,51 @@ class JointPosterior:
         return self.warm_start.optima[self.branches[0].hypothesis.name]
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return ``count`` bodies (count, n) drawn from the posterior, in natural units.
+        """Return parameters (count, n) drawn from the posterior, in natural units.
 
-        They are input of other searches, so each size is rounded to 1e-4 of its range.
+        They are input of other searches, so each is rounded to 1e-4 of its range.
         """
         whole("count", count, 1, MAXIMUM_SAMPLES)
         instance("rng", rng, np.random.Generator)
         return handed_on(self._drawn(count, rng), self.robot.low, self.robot.span)
 
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
-        return self._mixed([branch.doubted for branch in self.branches], count, rng)
+        """Return robots' parameters (count, n), in random order."""
 
-    def _mixed(
-        self,
-        parts: list[Posterior],
-        count: int,
-        rng: np.random.Generator,
-    ) -> Floats:
-        """Return bodies (count, n) drawn from the hypotheses' posteriors."""
-        shares = np.array([branch.probability for branch in self.branches])
-        bodies = [
-            branch.parameters.models(part.sample(int(times), rng))
-            for branch, part, times in zip(
-                self.branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
-            )
-            if times
-        ]
-        mixed: Floats = rng.permutation(np.concatenate(bodies))
-        return mixed
+        def draw(branch: HypothesisPosterior, times: int) -> Floats:
+            return branch.parameters.models(branch.doubted.sample(times, rng))
+
+        return rng.permutation(mixed(self.branches, count, rng, draw))
 
     @cached_property
-    def _bodies(self) -> Floats:
+    def _robots(self) -> Floats:
         return self._drawn(INTERVAL_SAMPLES, np.random.default_rng(0))
 
     @cached_property
     def model(self) -> Floats:
-        """The median body (n,) inside the model."""
-        inside = [branch.posterior for branch in self.branches]
-        median: Floats = np.median(
-            self._mixed(inside, INTERVAL_SAMPLES, np.random.default_rng(0)), axis=0
-        )
-        return median
+        """The median parameters (n,) inside the model."""
+        rng = np.random.default_rng(0)
+
+        def draw(branch: HypothesisPosterior, times: int) -> Floats:
+            return branch.parameters.models(branch.posterior.sample(times, rng))
+
+        return np.asarray(np.median(mixed(self.branches, INTERVAL_SAMPLES, rng, draw), axis=0))
 
     @property
     def spread(self) -> Floats:
         """The standard deviation in each dimension (n,), as a share of its range."""
-        spread: Floats = self._bodies.std(axis=0) / self.robot.span
+        spread: Floats = self._robots.std(axis=0) / self.robot.span
         return spread
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's interval, which holds the median body.
+        """Return the ends (n,) of each dimension's interval, which holds the median.
 
-        See ``eea.statistics.posterior.intervals``. They are valid if some body explains the trials:
-        check ``good``.
+        See ``eea.statistics.posterior.intervals``. They are valid if some robot explains the
+        trials: check ``good``.
         """
         robot = self.robot
         straight = np.zeros(len(robot.parameters), dtype=np.bool_)
-        low, high = intervals(self._bodies, robot.low, robot.high, straight, mass)
+        low, high = intervals(self._robots, robot.low, robot.high, straight, mass)
         return holding(low, high, self.model, straight)[:2]
 
     def probability(self, hypothesis: str) -> float:
@@ -145,16 +133,14 @@ class JointPosterior:
         if not moved:
             return None
         rng = np.random.default_rng(0)
-        shares = np.array([b.probability for b in moved])
-        drawn = [
-            b.parameters.natural(b.doubted.sample(count, rng))[:, b.parameters.first_entry(name)]
-            for b, count in zip(
-                moved, rng.multinomial(INTERVAL_SAMPLES, shares / shares.sum()), strict=True
-            )
-            if count
-        ]
+
+        def draw(branch: HypothesisPosterior, times: int) -> Floats:
+            theta = branch.doubted.sample(times, rng)
+            return branch.parameters.natural(theta)[:, branch.parameters.first_entry(name)]
+
+        drawn = mixed(moved, INTERVAL_SAMPLES, rng, draw)
         ends = [0.5 - mass / 2, 0.5, 0.5 + mass / 2]
-        low, middle, high = np.quantile(np.concatenate(drawn), ends).tolist()
+        low, middle, high = np.quantile(drawn, ends).tolist()
         return middle, low, high
 
     def table(
@@ -211,7 +197,7 @@ class JointPosterior:
     def to_dict(self) -> dict[str, Any]:
         """Return everything except the modes' covariances, ready for JSON.
 
-        Where no body explains the trials there are no ``intervals``. See
+        Where no robot explains the trials there are no ``intervals``. See
         :mod:`eea.joint.serialization` for the covariances.
         """
         modes = {}

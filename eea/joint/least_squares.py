@@ -71,6 +71,9 @@ class Misfit:
         self.free: NDArray[np.intp] = np.flatnonzero(
             ((entries != FIXED_SLOT) & self.movable[entries]).any(axis=0)
         )
+        self._entries = entries[:, self.free]
+        #: For each trial which of these (F,) are unknown, and the entries of theta that they are.
+        self.columns = [(one != FIXED_SLOT, one[one != FIXED_SLOT]) for one in self._entries]
 
     @property
     def count(self) -> int:
@@ -117,8 +120,7 @@ class Misfit:
         parameters = self.parameters
         free = self.free
         local = parameters.local(theta)[:, self._trials]
-        entries = parameters.slots[self._trials][:, free]  # (E, F)
-        high = np.where(entries == FIXED_SLOT, np.inf, parameters.high[entries])
+        high = np.where(self._entries == FIXED_SLOT, np.inf, parameters.high[self._entries])
         step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
         step *= self.precision.difference
         moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
@@ -133,9 +135,7 @@ class Misfit:
         residuals = rows[:, :, 0].astype(np.float64)
         blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
         normal = np.zeros((len(theta), len(parameters), len(parameters)))
-        for e, one in enumerate(entries):
-            used = one != FIXED_SLOT
-            at = one[used]
+        for e, (used, at) in enumerate(self.columns):
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
         return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
 
@@ -144,15 +144,13 @@ class Misfit:
         finite = np.where(np.isfinite(signal), signal, 0.0)
         pulls = np.einsum("sefm,sem->sef", slopes, finite)
         pulled = np.zeros((len(slopes), len(self.parameters)))
-        for e, entries in enumerate(self.parameters.slots[self._trials][:, self.free]):
-            used = entries != FIXED_SLOT
-            pulled[:, entries[used]] += pulls[:, e, used]
+        for e, (used, at) in enumerate(self.columns):
+            pulled[:, at] += pulls[:, e, used]
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
         """Return J^T r'' (S, P) for steps (S, P) from vectors (S, P)."""
-        entries = self.parameters.slots[self._trials][:, self.free]
-        taken = np.where(entries == FIXED_SLOT, 0.0, step[:, entries])  # (S, E, F)
+        taken = np.where(self._entries == FIXED_SLOT, 0.0, step[:, self._entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
         ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
         with np.errstate(invalid="ignore", over="ignore"):

@@ -88,7 +88,7 @@ class Observed:
             object.__setattr__(self, "weight", weight)
 
     @classmethod
-    def of(cls, trials: Sequence[Trial], robot: RobotModel, noise: Noise | None = None) -> Observed:
+    def of(cls, trials: Sequence[Trial], robot: RobotModel) -> Observed:
         """Return recorded trials, which may be of unequal length and have missing samples."""
         channels = len(robot.channels)
         if not all_of("trials", trials, Trial):
@@ -109,7 +109,7 @@ class Observed:
         if len(shapes) == 1 and shapes != {None}:
             inputs = np.stack(inputs)
         weight = None if there.all() else there.astype(np.float64)
-        return cls(inputs, np.where(there, joined, 0.0), weight, noise=noise)
+        return cls(inputs, np.where(there, joined, 0.0), weight)
 
     def __len__(self) -> int:
         return len(self.signal)

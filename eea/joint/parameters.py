@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis
 from eea.joint.robot_model import RobotModel
+from eea.statistics.posterior import Mode, Posterior
 
 FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
 # Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
@@ -203,6 +204,10 @@ class Parameters:
     def into_bounds(self, theta: Floats) -> Floats:
         """Return vectors (..., P) brought into the box, and their angles into [-pi, pi)."""
         return np.where(self.circular, wrap(theta), np.clip(theta, self.low, self.high))
+
+    def posterior(self, modes: Sequence[Mode]) -> Posterior:
+        """Return the posterior of the entries that has some modes."""
+        return Posterior(self.names, self.low, self.high, self.circular, modes)
 
     def prior_cost(self, theta: Floats) -> Floats:
         """Return -log prior (S,) of vectors (S, P), up to a constant."""

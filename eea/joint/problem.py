@@ -18,44 +18,17 @@ from eea.core.checks import (
     instance,
     mapping,
     real,
+    real_or_infinite,
     text,
     whole,
 )
 from eea.statistics.conformal import Calibration
-
-
-@dataclass(frozen=True)
-class Normal:
-    """A normal distribution, truncated to [low, high]; with an infinite ``sd`` it is uniform.
-
-    Examples
-    --------
-    >>> Normal(0.0, 0.2, low=0.0).low  # half of it: upwards only
-    0.0
-    """
-
-    mean: float
-    sd: float
-    low: float = -math.inf
-    high: float = math.inf
-
-    def __post_init__(self) -> None:
-        real("mean", self.mean, -math.inf)
-        for name, least in (("sd", 1e-12), ("low", -math.inf), ("high", -math.inf)):
-            value = getattr(self, name)
-            if not (isinstance(value, float) and math.isinf(value)):
-                real(name, value, least)
-        if self.sd < 0.0:
-            raise ConfigurationError(f"sd must be more than 0; got {self.sd:g}")
-        if not self.low < self.high:
-            raise ConfigurationError(
-                f"low must be less than high; got {self.low:g} and {self.high:g}"
-            )
+from eea.statistics.normal import Normal
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One number besides the body that the robot's motion depends on.
+    """One number besides the parameters that the robot's signal depends on.
 
     The prior is a normal distribution about ``nominal``, truncated to the range; with an infinite
     ``sd`` it is uniform. Nuisances of one ``group`` are inferred together or not at all.
@@ -91,8 +64,7 @@ class Nuisance:
         real(f"low of {self.name}", self.low, -math.inf)
         real(f"high of {self.name}", self.high, math.nextafter(self.low, math.inf))
         real(f"nominal of {self.name}", self.nominal, self.low, self.high)
-        if not (isinstance(self.sd, float) and self.sd == math.inf):
-            real(f"sd of {self.name}", self.sd, 1e-12)
+        real_or_infinite(f"sd of {self.name}", self.sd, 1e-12)
         flag(f"switch of {self.name}", self.switch)
         flag(f"start of {self.name}", self.start)
         whole(f"valleys of {self.name}", self.valleys, 0, 1000)

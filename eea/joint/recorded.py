@@ -19,14 +19,11 @@ from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import Parameters
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
-from eea.statistics.noise import Noise
+from eea.statistics.noise import Noise, noise_of
 
 #: Hypotheses are always weighed: "nothing is broken" is a finding with a probability.
 RECORDED_CONFIG = FitConfig(alternatives="always")
 MOST_NOISE_ROUNDS = 6
-NOISE_TOLERANCE = 0.03  # of a standard deviation, and in correlation
-MOST_CORRELATION = 0.99
-SIGNIFICANT_SDS = 3.0  # of white noise's correlation: a smaller correlation counts as none
 
 
 def infer(
@@ -95,7 +92,7 @@ def infer(
         fits = [one for one in start.optima.values() if one.regression.observed is seen]
         found = noise_left([min(fits, key=lambda one: one.sigma)])
         posterior = replace(posterior, warm_start=replace(start, dropped=frozenset()))
-        if _alike(found, guess):
+        if found.alike(guess):
             break
         guess = found
     assert posterior is not None
@@ -122,33 +119,19 @@ def _check_enough(robot: RobotModel, observed: Observed, config: FitConfig) -> N
 
 def noise_left(optima: Sequence[Optima]) -> Noise:
     """Return the noise that the best fits of one or more logs leave, of each channel."""
-    channels = optima[0].regression.observed.signal.shape[2]
-    squares = np.zeros(channels)
-    products = np.zeros(channels)
-    counts = np.zeros(channels)
-    pairs = np.zeros(channels)
-    loudest = np.zeros(channels)
-    unknowns = 0.0
+    left = []
+    there = []
+    loudest = []
     for one in optima:
         observed = replace(one.regression.observed, noise=None)
         plain = Regression(one.regression.parameters, observed, None)
-        trials, samples, _ = observed.signal.shape
+        trials, samples, channels = observed.signal.shape
         flat = plain.misfit(FINE).residuals(one.fits.theta[:1])[0]
-        left = flat.reshape(trials, channels, samples)
-        there = observed.there.swapaxes(1, 2).astype(np.float64)
-        squares += (left**2).sum(axis=(0, 2))
-        products += (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
-        counts += there.sum(axis=(0, 2))
-        pairs += (there[:, :, 1:] * there[:, :, :-1]).sum(axis=(0, 2))
-        unknowns += _determined(one)
-        loudest = np.maximum(loudest, np.abs(observed.signal).max(axis=(0, 1)))
-    freedom = counts * np.maximum(1.0 - unknowns / counts.sum(), 0.1)
-    sd = np.sqrt(squares / np.maximum(freedom, 1.0))
-    sd = np.maximum(sd, LEAST_RELATIVE_SIGMA * np.maximum(loudest, 1e-12))
-    mean = squares / np.maximum(counts, 1.0)
-    share = products / np.maximum(pairs * mean, 1e-300)
-    certain = share > SIGNIFICANT_SDS / np.sqrt(np.maximum(pairs, 1.0))
-    return Noise(sd, np.where(certain, np.minimum(share, MOST_CORRELATION), 0.0))
+        left.append(flat.reshape(trials, channels, samples))
+        there.append(observed.there.swapaxes(1, 2))
+        loudest.append(np.abs(observed.signal).max(axis=(0, 1)))
+    least = LEAST_RELATIVE_SIGMA * np.maximum(np.max(loudest, axis=0), 1e-12)
+    return noise_of(left, there, sum(map(_determined, optima)), least)
 
 
 def _determined(optima: Optima) -> float:
@@ -184,10 +167,3 @@ def _given(noise: Mapping[str, float], robot: RobotModel) -> Noise:
         real(f"noise of {name}", noise[name], 1e-300)
     sd = np.array([float(noise[name]) for name in robot.channels])
     return Noise(sd, np.zeros(len(sd)))
-
-
-def _alike(one: Noise, other: Noise) -> bool:
-    """Return whether two estimates of the noise are the same for all that follows."""
-    louder = np.abs(np.log(one.sd / other.sd)).max()
-    slower = np.abs(one.correlation - other.correlation).max()
-    return bool(max(louder, slower) < NOISE_TOLERANCE)

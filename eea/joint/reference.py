@@ -1,13 +1,7 @@
 """What logs that are known to be good tell of a robot, to judge later ones by.
 
 A robot that is whole is several robots: its numbers differ a little from log to log, and more from
-session to session, between which it is repaired. So the number x of log i in session s is ::
-
-    x[s, i] = mean + between[s] + within[s, i]
-
-and a new log of a new session lies about the mean of the n sessions with the variance
-(1 + 1/n) between + within. Few sessions tell little of the spread between sessions: it is Student's
-t, for which a normal distribution of the same 90% interval stands.
+session to session, between which it is repaired (:mod:`eea.statistics.random_effects`).
 """
 
 from __future__ import annotations
@@ -17,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, instance, real
@@ -32,13 +25,13 @@ from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 from eea.statistics.noise import Noise
+from eea.statistics.random_effects import new_member
 
 LEARNING_CONFIG = FitConfig(
     alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0
 )
 ROUNDS = 6  # of fits to all logs, each with the noise and the spread of the one before
 UNIFORM_PRECISION = 12.0  # in 1/range^2, of a number that a log does not determine
-NORMAL_95 = 1.6448536269514722
 
 
 class Look(NamedTuple):
@@ -162,43 +155,11 @@ def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed
 
 
 def _spread(fits: Sequence[LogFit], labels: Sequence[object], widened: bool = False) -> Prior:
-    """Return the distribution of a new log's numbers, of a new session if there are several.
-
-    ``widened`` by Student's t, as few sessions, or logs of one, tell little of their spread.
-    """
+    """Return the distribution of a new log's numbers, of a new session if there are several."""
     theta = np.array([one.theta for one in fits])
-    logs = len(theta)
-    groups = [np.array([label == other for other in labels]) for label in dict.fromkeys(labels)]
-    count = len(groups)
-    means = np.array([theta[group].mean(axis=0) for group in groups])
-    apart = theta - sum(np.outer(group, mean) for group, mean in zip(groups, means, strict=True))
     uncertain = np.mean([one.covariance for one in fits], axis=0)
-    seen = apart.T @ apart / max(logs - count, 1)
-    within = seen + uncertain
-    if count > 1:
-        each = np.mean([1.0 / group.sum() for group in groups])
-        between = np.cov(means, rowvar=False).reshape(within.shape) - each * seen
-        covariance = (1.0 + 1.0 / count) * _positive(between) + within
-        freedom = count - 1
-    else:
-        covariance = (1.0 + 1.0 / logs) * within
-        freedom = logs - 1
-    if widened:
-        covariance = covariance * widening(freedom) ** 2
-    covariance = covariance + LEAST_SD**2 * np.eye(len(covariance))
-    return Prior(fits[0].names, means.mean(axis=0), covariance)
-
-
-def widening(freedom: float) -> float:
-    """Return the sd of a normal whose 90% interval is that of Student's t, over the t's scale."""
-    return float(stdtrit(freedom, 0.95)) / NORMAL_95
-
-
-def _positive(matrix: Floats) -> Floats:
-    """Return the nearest matrix without negative eigenvalues."""
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    found: Floats = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return found
+    mean, covariance = new_member(theta, uncertain, labels, widened)
+    return Prior(fits[0].names, mean, covariance + LEAST_SD**2 * np.eye(len(covariance)))
 
 
 def _misfit(optima: Optima) -> float:

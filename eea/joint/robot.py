@@ -66,7 +66,7 @@ class Robot(RobotModel):
     A pendulum with a motor, of unknown length, whose gyroscope has a bias:
 
     >>> import numpy as np
-    >>> from eea.joint.problem import Normal
+    >>> from eea.statistics.normal import Normal
     >>> def swing(values, torque):
     ...     time = 0.01 * np.arange(1, 65)
     ...     phase = torque[:, :1] * time + values["angle"][:, None]

@@ -22,6 +22,7 @@ from eea.core.checks import (
     instance,
     mapping,
     real,
+    real_or_infinite,
     text,
     whole,
 )
@@ -29,13 +30,13 @@ from eea.joint.combinations import any_change, together
 from eea.joint.problem import (
     Discrepancy,
     Hypothesis,
-    Normal,
     Nuisance,
     Part,
     Prior,
     Values,
     groups_of,
 )
+from eea.statistics.normal import Normal
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
@@ -104,20 +105,14 @@ class RobotModel:
         for name, kind in {"prior": Prior, "discrepancy": Discrepancy}.items():
             if getattr(self, name) is not None:
                 instance(name, getattr(self, name), kind)
-        if not (isinstance(self.loudest, float) and self.loudest == math.inf):
-            real("loudest", self.loudest, 0.0)
+        real_or_infinite("loudest", self.loudest, 0.0)
         whole("stride", self.stride, 1, 1000)
         whole("at_once", self.at_once, 1, MOST_AT_ONCE)
         for name in (*self.names, *self.channels):
             text("a name of parameters, nuisances, hidden angles or channels", name)
             if "@" in name:  # which a trial's own numbers have before its number
                 raise ConfigurationError(f"a name must have no @; got {name!r}")
-        if len(set(self.names)) < len(self.names):
-            twice = min(name for name in self.names if self.names.count(name) > 1)
-            raise ConfigurationError(
-                "parameters, nuisances and hidden angles must have names of their own; "
-                f"{twice!r} is given twice"
-            )
+        _check_distinct("parameters, nuisances and hidden angles", self.names)
         for name, value in self.whole.items():
             choice("whole", name, self.parameters)
             real(f"whole {name}", value, *self.parameters[name])
@@ -127,12 +122,7 @@ class RobotModel:
             choice("each_trial", name, self._nuisance_names)
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
-        known = [hypothesis.name for hypothesis in (self.nominal, *self.alternatives)]
-        if len(set(known)) < len(known):
-            twice = max(known, key=known.count)
-            raise ConfigurationError(
-                f"hypotheses must have names of their own; {twice!r} is given twice"
-            )
+        _check_distinct("hypotheses", [h.name for h in (self.nominal, *self.alternatives)])
         for part, of in self.parts.items():
             for name in (*of.sizes, *of.area):
                 choice(f"a parameter of {part!r}", name, self.parameters)
@@ -248,6 +238,14 @@ class RobotModel:
             return "fine" in inspect.signature(self.simulate).parameters
         except (TypeError, ValueError):
             return False
+
+
+def _check_distinct(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(
+                f"{what} must have names of their own; {name!r} is given twice"
+            )
 
 
 def _checked_range(name: str, ends: object) -> tuple[float, float]:

@@ -21,11 +21,12 @@ from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.plausibility import check_mode, check_posterior
-from eea.joint.problem import Hypothesis, Normal, Nuisance, Part, Prior
+from eea.joint.problem import Hypothesis, Nuisance, Part, Prior
 from eea.joint.robot import Robot
 from eea.statistics.goodness_of_fit import Goodness
 from eea.statistics.noise import Noise
-from eea.statistics.posterior import Mode, Posterior
+from eea.statistics.normal import Normal
+from eea.statistics.posterior import Mode
 
 POSTERIOR_SCHEMA = "eea.posterior/5"
 EARLIER_SCHEMA = "eea.posterior/4"  # of fish, with genomes of bodies and commands
@@ -169,11 +170,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
             first += count
             for mode in modes:
                 check_mode(mode, parameters)
-            parts.append(
-                Posterior(
-                    parameters.names, parameters.low, parameters.high, parameters.circular, modes
-                )
-            )
+            parts.append(parameters.posterior(modes))
         inside, doubted = parts
         branches.append(
             HypothesisPosterior(hypothesis, row["probability"], parameters, inside, doubted)

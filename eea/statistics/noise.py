@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,12 +11,44 @@ from scipy.fft import dct
 
 from eea.core.angles import Floats
 
+NOISE_TOLERANCE = 0.03  # of a standard deviation, and in correlation
+MOST_CORRELATION = 0.99
+SIGNIFICANT_SDS = 3.0  # of white noise's correlation: a smaller correlation counts as none
+
 
 class Noise(NamedTuple):
     """The noise of each channel (C,): AR(1), which is white without correlation."""
 
     sd: Floats  #: Standard deviation, in the channel's unit.
     correlation: Floats  #: Of neighbouring samples.
+
+    def alike(self, other: Noise) -> bool:
+        """Return whether two estimates of the noise are the same for all that follows."""
+        louder = np.abs(np.log(self.sd / other.sd)).max()
+        slower = np.abs(self.correlation - other.correlation).max()
+        return bool(max(louder, slower) < NOISE_TOLERANCE)
+
+
+def noise_of(
+    residuals: Sequence[Floats], there: Sequence[NDArray[np.bool_]], unknowns: float, least: Floats
+) -> Noise:
+    """Return the noise of each channel that logs' residuals (E, C, T) are.
+
+    ``there`` (E, C, T) says which samples there are; the residuals of others are 0. ``unknowns`` is
+    how many the data have determined, ``least`` (C,) the least standard deviations.
+    """
+    squares, products, counts, pairs = np.zeros((4, len(least)))
+    for left, mask in zip(residuals, there, strict=True):
+        squares += (left**2).sum(axis=(0, 2))
+        products += (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
+        counts += mask.sum(axis=(0, 2))
+        pairs += (mask[:, :, 1:] & mask[:, :, :-1]).sum(axis=(0, 2))
+    freedom = counts * np.maximum(1.0 - unknowns / counts.sum(), 0.1)
+    sd = np.maximum(np.sqrt(squares / np.maximum(freedom, 1.0)), least)
+    mean = squares / np.maximum(counts, 1.0)
+    share = products / np.maximum(pairs * mean, 1e-300)
+    certain = share > SIGNIFICANT_SDS / np.sqrt(np.maximum(pairs, 1.0))
+    return Noise(sd, np.where(certain, np.minimum(share, MOST_CORRELATION), 0.0))
 
 
 class SlowBasis(NamedTuple):

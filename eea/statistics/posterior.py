@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
@@ -161,6 +162,27 @@ class Posterior:
     @cached_property
     def _mean_angles(self) -> Floats:
         return np.asarray(np.angle(np.exp(1j * self.draws).mean(axis=0)))
+
+
+def log_constant(
+    mean: Floats, information: Floats, low: Floats, high: Floats, circular: NDArray[np.bool_]
+) -> float:
+    """Return the log of a prior's greatest density: normal, or uniform without information.
+
+    ``mean`` (P,) and ``information`` (P, P) are of the normal, which is truncated to the bounds
+    ``low`` and ``high`` (P,) of each parameter alone. Angles are uniform over the turn.
+    """
+    informed = np.diag(information) > 0.0
+    free = ~informed & ~circular  # uniform between the bounds
+    information = information[np.ix_(informed, informed)]
+    mean = mean[informed]
+    sd = np.sqrt(np.diag(np.linalg.inv(information)))
+    above = log_ndtr((high[informed] - mean) / sd)
+    below = log_ndtr((low[informed] - mean) / sd)
+    mass = above + np.log1p(-np.exp(below - above))  # inside the bounds, of each alone
+    mass = np.append(mass, np.log(high[free] - low[free]))
+    normal = 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1] - mass.sum()
+    return float(normal - np.count_nonzero(circular) * np.log(2.0 * np.pi))
 
 
 def intervals(

@@ -29,7 +29,7 @@ from eea.core.config import FitConfig
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_change import would_not_show
 from eea.joint.observed import Trial
-from eea.joint.reference import widening
+from eea.statistics.random_effects import widening
 from experiments.real.crazypad import MOTORS, SESSIONS, Floats, build, flights, session
 from experiments.real.hover import AXES, Hover, hover
 from experiments.real.quadrotor import Known, Spread, quadrotor

@@ -119,6 +119,21 @@ def test_modes_of_other_angles_and_nuisances_are_one_body():
     assert said_of(known(*modes), gain)[0].startswith("2 robots explain it: ")
 
 
+def test_numbers_have_the_units_that_the_robot_states():
+    at = MIDDLE.copy()
+    slope = np.zeros(7)
+    at[0] = 1.0
+    slope[0] = -600.0
+    units = {"fin.length": "m", "fin.width": "m"}
+    robot = replace(robot_of({"fin": FIN}), units=units)
+    (said,) = findings(known(mode(at, np.diag(KNOWN), 0.0, slope)), robot)
+    assert said == "the fin's length is at the end of its range, 2 m, and may be beyond it"
+    at[0] = 0.0
+    (said,) = findings(known(mode(at, np.diag(KNOWN), 0.0)), robot)
+    assert said.startswith("the fin is absent")
+    assert said.endswith(" m^2")
+
+
 def test_nothing_is_said_of_the_servo_of_an_absent_part():
     """The tail is not absent and its servo seized: what is not there cannot be stuck."""
     theta, precision = MIDDLE.copy(), KNOWN.copy()
