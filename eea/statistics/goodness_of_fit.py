@@ -93,15 +93,18 @@ def goodness_of_fit(
     Raises
     ------
     ConfigurationError
-        If residuals are not finite, or fewer than the parameters.
+        If residuals are not finite, or no more than the parameters while ``sigma`` is not known.
     """
     trials = [finite("residuals", trial, (None, None)) for trial in residuals]
     count = sum(trial.size for trial in trials) - missing
     shortest = min(map(len, trials), default=0)
-    if count <= parameters:
+    if count <= parameters and sigma is None:
         raise ConfigurationError(f"residuals must outnumber parameters, {parameters}; got {count}")
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
+    if count <= parameters:
+        words = f"{count} samples are too few to tell how well {parameters} numbers explain them"
+        return Goodness(rms, None, 1.0, 1.0, 1.0, good=True, verdict=words)
     if rms <= floor:
         words = f"the best fit explains the log up to rounding ({rms:.1g} {unit})"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)

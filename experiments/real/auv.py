@@ -6,7 +6,9 @@ Three numbers of a swim, each of which physics names for one fault beforehand:
 - how far it descends at the rate at which its rotors turn: the robot is heavier;
 - the strength of a damaged rotor's line in the yaw rate (``rotor_line``): a propeller is damaged.
 
-Healthy swims tell how each number scatters within a session and between sessions.
+A session is a log whose samples are swims, each with these three numbers. So healthy sessions tell
+how each number scatters from swim to swim, which is its noise, and from session to session. A swim
+in question is a log of one sample.
 """
 
 from __future__ import annotations
@@ -19,9 +21,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import t as student
+from scipy.stats import norm
 
+from aquafish_gym.runs.progress import track
+from eea import FitConfig, Hypothesis, Normal, Robot, Trial
+from eea.joint.problem import Values
+from eea.joint.reference import Reference
 from experiments.real.haizhe import CONDITIONS, RATE_HZ, Floats, Swim, read_swims, sessions
 from experiments.real.rotor_line import Rotor, Spectra, find_rotor, learn_spectrum, spectra
 
@@ -30,6 +35,7 @@ Labels = NDArray[np.int64]
 KNOWN_SWIMS = 50
 DRAWS = 3  # of them, for each pair of sessions
 HELD_OUT_SESSIONS = 2  # healthy ones, of which the false alarms are counted
+VERDICTS = 3  # on each swim, given draws of known swims in which its session is not known
 DESCENT_SECONDS = (2.0, 4.5)  # of healthy swims, the least spread over the response to thrust
 LEAST_DESCENT_M = 0.02
 ODDS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)  # of nothing to each fault, beforehand
@@ -38,24 +44,35 @@ CHOSEN_ODDS = 3.0  # at which at most 10% of healthy swims are called broken
 NUMBERS = {"depth at rest": "m", "descent at the rotors' rate": "log m", "rotor line": "sd"}
 
 
-@dataclass(frozen=True)
-class Change:
-    """A fault, as the number that it moves."""
-
-    name: str
-    number: str
-    sd: float  #: of the change, in the number's unit
-    upwards: bool  #: else either way
-
-
+RANGES = {  # of a healthy robot, and of one that is broken
+    "depth at rest": (-1.0, 1.0),
+    "descent at the rotors' rate": (-6.0, 3.0),
+    "rotor line": (-20.0, 40.0),
+}
 FAULTS = (
-    Change("it is heavier", "descent at the rotors' rate", 0.3, upwards=True),
-    Change("the depth sensor is off", "depth at rest", 0.1, upwards=False),
-    Change("a propeller is damaged", "rotor line", 3.0, upwards=True),
+    Hypothesis("it is heavier", moves={"descent at the rotors' rate": Normal(0.0, 0.3, low=0.0)}),
+    Hypothesis("the depth sensor is off", moves={"depth at rest": Normal(0.0, 0.1)}),
+    Hypothesis("a propeller is damaged", moves={"rotor line": Normal(0.0, 3.0, low=0.0)}),
 )
 NOTHING = "nothing is broken"
 CALLED = (NOTHING, *(fault.name for fault in FAULTS))
 RIGHT = (0, 1, 2, 3, 3)  # index in CALLED of each of CONDITIONS
+
+
+def numbers_of_swims(values: Values, _: object) -> Floats:
+    """Return ``NUMBERS`` (B, KNOWN_SWIMS, 3) of swims of B robots: the same in every swim."""
+    rows = np.stack([values[name] for name in NUMBERS], axis=-1)
+    return np.repeat(rows[:, None], KNOWN_SWIMS, axis=1)
+
+
+AUV = Robot(
+    parameters=RANGES,
+    simulate=numbers_of_swims,
+    channels=NUMBERS,
+    hypotheses=FAULTS,
+)
+#: The numbers are linear in what is sought, so that few starting points do.
+CONFIG = FitConfig(alternatives="always", bodies=4, poses=1, descents=2, polished=1, restarts=0)
 
 
 @dataclass(frozen=True)
@@ -99,80 +116,19 @@ def _within(values: Floats, session: Labels) -> Floats:
     return np.asarray(values - means[index])
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Student's t of a number in the next swim of a session that is not known."""
-
-    centre: float
-    scale: float
-    freedom: float
-
-    def log_density(self, values: Floats) -> Floats:
-        """Return the log density of values in which nothing has changed."""
-        return np.asarray(student.logpdf(values, self.freedom, self.centre, self.scale))
-
-    def interval(self, share: float) -> tuple[float, float]:
-        """Return the central interval that holds a share of such values."""
-        low, high = student.interval(share, self.freedom, self.centre, self.scale)
-        return float(low), float(high)
+def learn(known: Floats, session: Labels) -> Reference:
+    """Return what healthy swims tell, given ``NUMBERS`` (K, 3) and the session (K,) of each."""
+    logs = [Trial(known[session == label]) for label in np.unique(session)]
+    return AUV.learn(logs, config=CONFIG)
 
 
-def learn(known: Floats, session: Labels) -> list[Spread]:
-    """Return the spread of each of ``NUMBERS`` (K, 3) of healthy swims."""
-    return [learn_spread(known[:, c], session) for c in range(known.shape[1])]
+def evidence(reference: Reference, numbers: Floats) -> Floats:
+    """Return the evidence (4,) of each of ``CALLED``, given ``NUMBERS`` (3,) of one swim.
 
-
-def learn_spread(values: Floats, session: Labels) -> Spread:
-    """Return how a number (K,) of healthy swims varies within a session and between sessions.
-
-    With few sessions their mean is uncertain, sqrt(1 + 1/n), and so is their spread: the degrees
-    of freedom are Satterthwaite's of the two variances.
+    At equal odds they are the probabilities; what is most improbable has 0.
     """
-    labels, counts = np.unique(session, return_counts=True)
-    means = np.array([values[session == label].mean() for label in labels])
-    inner = len(values) - len(labels)
-    outer = len(labels) - 1
-    within = float((_within(values, session) ** 2).sum()) / inner
-    of_means = float(means.var(ddof=1))
-    between = max(of_means - within * float((1.0 / counts).mean()), 0.0) + of_means / len(labels)
-    variance = within + between
-    freedom = variance**2 / (within**2 / inner + between**2 / outer)
-    return Spread(float(means.mean()), float(np.sqrt(variance)), float(freedom))
-
-
-def log_evidence(known: Floats, session: Labels, numbers: Floats) -> Floats:
-    """Return the log evidence (N, 4) of each of ``CALLED``, up to a constant a swim.
-
-    Parameters
-    ----------
-    known, session
-        ``NUMBERS`` (K, 3) of healthy swims, and the session (K,) of each.
-    numbers
-        Those of the swims in question (N, 3).
-    """
-    spreads = learn(known, session)
-    same = np.column_stack([s.log_density(numbers[:, c]) for c, s in enumerate(spreads)])
-    nothing = same.sum(axis=1)
-    found = [nothing]
-    for fault in FAULTS:
-        c = list(NUMBERS).index(fault.number)
-        found.append(nothing - same[:, c] + _changed(spreads[c], numbers[:, c], fault))
-    return np.column_stack(found)
-
-
-def probabilities(evidence: Floats, odds: float) -> Floats:
-    """Return the probability (N, 4) of each of ``CALLED``, at odds of nothing to each fault."""
-    logs = evidence + np.log([odds, *(1.0 for _ in FAULTS)])
-    return np.asarray(np.exp(logs - logsumexp(logs, axis=1, keepdims=True)))
-
-
-def _changed(spread: Spread, values: Floats, fault: Change) -> Floats:
-    """Return the log density (N,) of values that a fault of unknown size has moved."""
-    sizes = fault.sd * np.linspace(0.0, 8.0, 161)[1:]
-    sizes = sizes if fault.upwards else np.concatenate([-sizes, sizes])
-    prior = np.exp(-0.5 * (sizes / fault.sd) ** 2)
-    densities = spread.log_density(values[:, None] - sizes) + np.log(prior / prior.sum())
-    return np.asarray(logsumexp(densities, axis=1))
+    found = reference.infer([Trial(numbers[None])], config=CONFIG)
+    return np.array([found.probability(name) for name in CALLED])
 
 
 @dataclass(frozen=True)
@@ -181,7 +137,8 @@ class Split:
 
     known: Labels  #: healthy ones, drawn from ``others``
     others: Labels  #: all healthy ones of the sessions that are not held out
-    judged: Labels  #: healthy ones of the sessions held out, and all faulty ones
+    unseen: Labels  #: healthy ones of the sessions held out, and all faulty ones
+    judged: Labels  #: of the unseen, so that each swim is judged ``VERDICTS`` times in all
 
 
 def splits(healthy: NDArray[np.bool_], session: Labels, seed: int) -> list[Split]:
@@ -193,8 +150,14 @@ def splits(healthy: NDArray[np.bool_], session: Labels, seed: int) -> list[Split
         others = np.flatnonzero(healthy & ~unseen)
         for _ in range(DRAWS):
             known = rng.choice(others, min(KNOWN_SWIMS, len(others)), replace=False)
-            found.append(Split(known, others, np.flatnonzero(unseen | ~healthy)))
-    return found
+            found.append((known, others, unseen | ~healthy))
+    judged = np.zeros((len(found), len(healthy)), bool)
+    for swim, able in enumerate(np.transpose([unseen for *_, unseen in found])):
+        judged[rng.choice(np.flatnonzero(able), VERDICTS, replace=False), swim] = True
+    return [
+        Split(known, others, np.flatnonzero(unseen), np.flatnonzero(rows))
+        for (known, others, unseen), rows in zip(found, judged, strict=True)
+    ]
 
 
 def auv_table(data: Path, seed: int = 0) -> dict[str, Any]:
@@ -202,7 +165,7 @@ def auv_table(data: Path, seed: int = 0) -> dict[str, Any]:
 
     Each pair of healthy sessions is held out in turn. The rotors' rate is found in the other
     healthy swims; ``KNOWN_SWIMS`` of them, drawn at random, are all that is known besides. Judged
-    are all faulty swims and the healthy ones held out, so that no session is known in part.
+    are faulty swims and the healthy ones held out, so that no session is known in part.
 
     Returns
     -------
@@ -212,8 +175,8 @@ def auv_table(data: Path, seed: int = 0) -> dict[str, Any]:
         of nothing to each fault. ``called``: condition -> ``CALLED`` -> share. ``at_odds``: odds
         -> the five shares. ``rotor_of_known``: the five shares if the rotors' rate is found in the
         known swims alone. ``rotor_hz``: the rate found in each split. ``sessions``: condition ->
-        number. Of the first split, ``numbers``: condition -> ``NUMBERS`` (n, 3) of swims that are
-        judged; ``healthy_95``: the interval of each number in 95% of healthy swims.
+        number. Of the first split, ``numbers``: condition -> ``NUMBERS`` (n, 3) of the unseen
+        swims; ``healthy_95``: the interval of each number in 95% of healthy swims.
 
     Raises
     ------
@@ -225,46 +188,46 @@ def auv_table(data: Path, seed: int = 0) -> dict[str, Any]:
     condition = np.array([list(CONDITIONS).index(swim.condition) for swim in swims])
     recorded = record(swims)
     rotors: list[Rotor] = []
-    shares: list[Floats] = []
-    of_known: list[Floats] = []
+    counts = np.zeros((len(ODDS), len(CONDITIONS), len(CALLED)))
+    of_known = np.zeros_like(counts)
     drawn: dict[str, Any] = {}
-    for split in splits(condition == 0, session, seed):
-        rotors.append(find_rotor(recorded.spectra.take(split.others)))
-        numbers = recorded.numbers(rotors[-1], split.known, session)
-        shares.append(called(numbers, split, session, condition))
-        drawn = drawn or _drawn(numbers, split, session, condition)
-        rotor = find_rotor(recorded.spectra.take(split.known))
-        numbers = recorded.numbers(rotor, split.known, session)
-        of_known.append(called(numbers, split, session, condition))
-    mean = np.mean(shares, axis=0)
+    drawn_splits = splits(condition == 0, session, seed)
+    for split in track(drawn_splits, "draws of known swims", len(drawn_splits)):
+        for rows, into in ((split.others, counts), (split.known, of_known)):
+            rotor = find_rotor(recorded.spectra.take(rows))
+            numbers = recorded.numbers(rotor, split.known, session)
+            reference = learn(numbers[split.known], session[split.known])
+            into += called(reference, numbers[split.judged], condition[split.judged])
+            if into is counts:
+                rotors.append(rotor)
+                drawn = drawn or _drawn(reference, numbers[split.unseen], condition[split.unseen])
+    shares = counts / counts.sum(axis=2, keepdims=True)
     chosen = ODDS.index(CHOSEN_ODDS)
     what = list(CONDITIONS.values())
     return {
-        **summary(mean[chosen]),
+        **summary(shares[chosen]),
         "odds": CHOSEN_ODDS,
         "called": {
             name: dict(zip(CALLED, row, strict=True))
-            for name, row in zip(what, mean[chosen].tolist(), strict=True)
+            for name, row in zip(what, shares[chosen].tolist(), strict=True)
         },
-        "at_odds": {f"{odds:g}": summary(mean[i]) for i, odds in enumerate(ODDS)},
-        "rotor_of_known": summary(np.mean(of_known, axis=0)[chosen]),
+        "at_odds": {f"{odds:g}": summary(shares[i]) for i, odds in enumerate(ODDS)},
+        "rotor_of_known": summary((of_known / of_known.sum(axis=2, keepdims=True))[chosen]),
         "rotor_hz": [rotor.rate_hz for rotor in rotors],
         "sessions": {n: len(np.unique(session[condition == i])) for i, n in enumerate(what)},
         **drawn,
     }
 
 
-def called(numbers: Floats, split: Split, session: Labels, condition: Labels) -> Floats:
-    """Return the shares (odds, conditions, ``CALLED``) of the judged swims of each condition."""
-    rows = split.judged
-    evidence = log_evidence(numbers[split.known], session[split.known], numbers[rows])
-    shares = np.zeros((len(ODDS), len(CONDITIONS), len(CALLED)))
-    for i, odds in enumerate(ODDS):
-        found = probabilities(evidence, odds).argmax(axis=1)
-        for j in range(len(CONDITIONS)):
-            these = found[condition[rows] == j]
-            shares[i, j] = np.bincount(these, minlength=len(CALLED)) / len(these)
-    return shares
+def called(reference: Reference, numbers: Floats, condition: Labels) -> Floats:
+    """Return how many swims of each condition are called what (odds, conditions, ``CALLED``)."""
+    counts = np.zeros((len(ODDS), len(CONDITIONS), len(CALLED)))
+    odds_of_nothing = np.array(ODDS)
+    for swim, truth in zip(numbers, condition, strict=True):
+        of_each = np.tile(evidence(reference, swim), (len(ODDS), 1))
+        of_each[:, 0] *= odds_of_nothing
+        counts[np.arange(len(ODDS)), truth, of_each.argmax(axis=1)] += 1.0
+    return counts
 
 
 def summary(shares: Floats) -> dict[str, float]:
@@ -274,13 +237,21 @@ def summary(shares: Floats) -> dict[str, float]:
     return {**dict(zip(names, right[1:], strict=True)), "false_alarms": 1.0 - right[0]}
 
 
-def _drawn(numbers: Floats, split: Split, session: Labels, condition: Labels) -> dict[str, Any]:
-    """Return what the picture shows of a split."""
-    spreads = learn(numbers[split.known], session[split.known])
+def _drawn(reference: Reference, numbers: Floats, condition: Labels) -> dict[str, Any]:
+    """Return what the picture shows of swims."""
     return {
         "numbers": {
-            what: numbers[split.judged][condition[split.judged] == i].round(3).tolist()
+            what: numbers[condition == i].round(3).tolist()
             for i, what in enumerate(CONDITIONS.values())
         },
-        "healthy_95": [spread.interval(0.95) for spread in spreads],
+        "healthy_95": healthy_interval(reference, 0.95).tolist(),
     }
+
+
+def healthy_interval(reference: Reference, share: float) -> Floats:
+    """Return the interval (3, 2) of each of ``NUMBERS`` that holds a share of healthy swims."""
+    prior = reference.robot.prior
+    assert prior is not None  # which was learned
+    centre = AUV.low + AUV.span * prior.mean
+    sd = np.hypot(AUV.span * np.sqrt(np.diag(prior.covariance)), reference.noise.sd)
+    return centre[:, None] + sd[:, None] * norm.interval(share)

@@ -12,7 +12,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any, ClassVar
 
-from rich.console import Console
 from tyro.conf import arg
 
 from aquafish_gym.runs.command_line import Commands, Out
@@ -38,8 +37,7 @@ class RealRobot:
         """Evaluate, print and write."""
         ensure_writable_directory(self.out)
         of = f"experiments.real.{self.name}"  # loaded here: the evaluations load a lot
-        with Console(stderr=True).status(f"reading and judging {self.data}"):
-            table: dict[str, Any] = resolve_name(f"{of}:{self.name}_table")(self.data)
+        table: dict[str, Any] = resolve_name(f"{of}:{self.name}_table")(self.data)
         print(resolve_name(f"{of}_report:{self.name}_text")(table), end="")
         document = self.out / f"{self.name}.json"
         picture = self.out / f"{self.name}.png"

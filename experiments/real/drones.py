@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from aquafish_gym.runs.progress import track
 from eea.core.config import FitConfig
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_change import would_not_show
@@ -170,20 +171,24 @@ def judged(
     skipped: int,
 ) -> Iterator[dict[str, Any]]:
     """Yield a row for each condition but the ``skipped`` first of a session."""
-    for name, of in sessions.items():
-        reference = known(of)
-        for condition in of[skipped:]:
-            verdict = infer(reference, condition, noise)
-            yield {
-                "session": name,
-                "flights": len(condition),
-                "lost": (cuts_of(condition) - reference.cuts).tolist(),
-                "known": reference.cuts.tolist(),
-                "median": verdict.median.tolist(),
-                "mean": verdict.mean.tolist(),
-                "if_cut": verdict.if_cut.tolist(),
-                "nothing": verdict.nothing,
-            }
+    asked = [
+        (name, reference, condition)
+        for name, of in sessions.items()
+        for reference in [known(of)]
+        for condition in of[skipped:]
+    ]
+    for name, reference, condition in track(asked, "conditions", len(asked)):
+        verdict = infer(reference, condition, noise)
+        yield {
+            "session": name,
+            "flights": len(condition),
+            "lost": (cuts_of(condition) - reference.cuts).tolist(),
+            "known": reference.cuts.tolist(),
+            "median": verdict.median.tolist(),
+            "mean": verdict.mean.tolist(),
+            "if_cut": verdict.if_cut.tolist(),
+            "nothing": verdict.nothing,
+        }
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -224,7 +229,8 @@ def rms(errors: Sequence[float]) -> float:
 
 def alarms(healthy: Healthy, known: Callable[[Hover], Known]) -> dict[str, Any]:
     """Return how many healthy flights are called broken, and what would not show in one of them."""
-    verdicts = [infer(known(one), [one], healthy.noise) for one in healthy.hovers]
+    judged_hovers = track(healthy.hovers, "healthy flights", len(healthy.hovers))
+    verdicts = [infer(known(one), [one], healthy.noise) for one in judged_hovers]
     return {
         "false_alarms": sum(verdict.broken for verdict in verdicts),
         "healthy_flights": len(verdicts),

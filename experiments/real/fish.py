@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.runs.progress import track
 from eea import Robot, Trial
 from eea.core.config import FitConfig
 from experiments.real.beat import AHEAD, Case, Swing, cases_of, learn_swing, observe
@@ -160,7 +161,8 @@ def hold_out(runs: Sequence[Run], seed: int = 0) -> HeldOut:
     poses: dict[str, list[Floats]] = {name: [] for name in (LAW, *RIVALS)}
     widths: list[Floats] = []
     numbers: list[dict[str, float]] = []
-    for held in folds(runs):
+    split = folds(runs)
+    for held in track(split, "folds", len(split)):
         known = [run for run in runs if run.command not in held]
         known_cases = cases_of(known)
         new = cases_of([run for run in runs if run.command in held])

@@ -11,13 +11,16 @@ import pytest
 
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
+from experiments.real import auv
 from experiments.real.auv import (
     CALLED,
     DRAWS,
+    NUMBERS,
+    VERDICTS,
     auv_table,
-    learn_spread,
-    log_evidence,
-    probabilities,
+    evidence,
+    healthy_interval,
+    learn,
     record,
     splits,
 )
@@ -207,16 +210,20 @@ def test_a_damaged_rotors_line_is_stronger_than_a_healthy_ones(swims: list[Swim]
     assert strength[conditions == "PropellerDamage_bad"].min() > 6.0
 
 
-def test_spread_knows_that_sessions_are_few() -> None:
+def test_few_sessions_tell_little_of_the_next_one() -> None:
     rng = np.random.default_rng(0)
     session = np.repeat(np.arange(4), 10)
-    values = np.repeat(rng.normal(0.0, 1.0, 4), 10) + rng.normal(0.0, 0.1, 40)
-    spread = learn_spread(values, session)
-    means = values.reshape(4, 10).mean(axis=1)
-    assert spread.scale == pytest.approx(np.sqrt(means.var(ddof=1) * 1.25 + 0.01), rel=0.02)
-    assert 3.0 < spread.freedom < 3.5
-    same = learn_spread(rng.normal(0.0, 1.0, 400), np.repeat(np.arange(4), 100))
-    assert same.freedom > 100.0
+    offsets = rng.normal(0.0, 0.2, (4, 3))
+    numbers = offsets[session] + rng.normal(0.0, 0.02, (40, 3))
+    low, high = healthy_interval(learn(numbers, session), 0.9).T
+    means = numbers.reshape(4, 10, 3).mean(axis=1)
+    students = 2.353  # of three degrees of freedom, where 90% are within
+    expected = students * np.sqrt(1.25 * means.var(axis=0, ddof=1))
+    np.testing.assert_allclose(0.5 * (high - low), expected, rtol=0.1)
+    np.testing.assert_allclose(0.5 * (high + low), means.mean(axis=0), atol=0.02)
+    many = rng.normal(0.0, 0.02, (40, 3))  # sessions that do not differ
+    low, high = healthy_interval(learn(many, session), 0.9).T
+    np.testing.assert_allclose(0.5 * (high - low), 1.645 * 0.02, rtol=0.35)
 
 
 def test_a_heavier_swim_is_named_and_an_ordinary_one_is_not(swims: list[Swim]) -> None:
@@ -225,27 +232,29 @@ def test_a_heavier_swim_is_named_and_an_ordinary_one_is_not(swims: list[Swim]) -
     healthy = np.flatnonzero(conditions == HEALTHY)
     known = healthy[labels[healthy] != labels[healthy[0]]][:50]
     numbers = record(swims).numbers(ROTOR, known, labels)
-    found = probabilities(log_evidence(numbers[known], labels[known], numbers), 3.0)
-    np.testing.assert_allclose(found.sum(axis=1), 1.0)
-    unseen = found[labels == labels[healthy[0]]]
-    assert (unseen.argmax(axis=1) == CALLED.index("nothing is broken")).mean() > 0.8
+    reference = learn(numbers[known], labels[known])
+
+    def share(rows: np.ndarray, name: str) -> float:
+        found = np.array([evidence(reference, swim) for swim in numbers[rows]])
+        np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-3)
+        found[:, 0] *= 3.0
+        return float((found.argmax(axis=1) == CALLED.index(name)).mean())
+
+    assert share(labels == labels[healthy[0]], "nothing is broken") > 0.8
     for condition, name in (
         ("AddWeight", "it is heavier"),
         ("PressureGain_constant", "the depth sensor is off"),
         ("PropellerDamage_bad", "a propeller is damaged"),
     ):
-        assert (found[conditions == condition].argmax(axis=1) == CALLED.index(name)).all()
+        assert share(conditions == condition, name) == 1.0
 
 
 def test_a_lighter_swim_is_not_called_heavier() -> None:
     rng = np.random.default_rng(0)
-    known = rng.normal(0.0, [0.02, 0.1, 1.0], (50, 3))
-    session = np.arange(50) % 5
-    lighter, heavier = np.zeros((2, 1, 3))
-    lighter[0, 1] = -0.6
-    heavier[0, 1] = 0.6
-    for numbers, called in ((lighter, "nothing is broken"), (heavier, "it is heavier")):
-        assert log_evidence(known, session, numbers).argmax() == CALLED.index(called)
+    reference = learn(rng.normal(0.0, [0.02, 0.1, 1.0], (50, len(NUMBERS))), np.arange(50) % 5)
+    for change, called in ((-0.6, "nothing is broken"), (0.6, "it is heavier")):
+        found = evidence(reference, np.array([0.0, change, 0.0]))
+        assert found.argmax() == CALLED.index(called)
 
 
 def test_no_session_is_known_in_part(swims: list[Swim]) -> None:
@@ -255,13 +264,21 @@ def test_no_session_is_known_in_part(swims: list[Swim]) -> None:
     assert len(found) == 10 * DRAWS  # pairs of five sessions
     for split in found:
         assert healthy[split.known].all()
-        assert not set(session[split.others]) & set(session[split.judged])
+        assert not set(session[split.others]) & set(session[split.unseen])
         assert set(split.known) <= set(split.others)
-        assert set(np.flatnonzero(~healthy)) <= set(split.judged)
-        assert len(split.others) + len(split.judged) == len(swims)
+        assert set(np.flatnonzero(~healthy)) <= set(split.unseen)
+        assert len(split.others) + len(split.unseen) == len(swims)
+        assert set(split.judged) <= set(split.unseen)
+    verdicts = np.bincount(np.concatenate([split.judged for split in found]))
+    assert verdicts.tolist() == [VERDICTS] * len(swims)
 
 
-def test_table_tells_how_often_each_fault_is_named(download: Path, tmp_path: Path) -> None:
+def test_table_tells_how_often_each_fault_is_named(
+    download: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(auv, "DRAWS", 1)
+    monkeypatch.setattr(auv, "VERDICTS", 1)
+    monkeypatch.setattr(auv, "HELD_OUT_SESSIONS", 1)
     table = auv_table(download)
     assert table["weight"] == table["depth_sensor"] == table["thruster_bad"] == 1.0
     assert table["false_alarms"] < 0.2
