@@ -73,7 +73,7 @@ def infer(
             f"config must have noise=None: noise is given by channel; got {config.noise:g}"
         )
     observed = Observed.of(trials, robot)
-    _check_enough(robot.varying(config.per_trial), observed, config)
+    _check_enough(robot.varying(config.per_trial), observed, config, noise is not None)
     rng = np.random.default_rng(seed)
     if noise is not None:
         known = noise if isinstance(noise, Noise) else _given(noise, robot)
@@ -99,12 +99,17 @@ def infer(
     return posterior
 
 
-def _check_enough(robot: RobotModel, observed: Observed, config: FitConfig) -> None:
-    """Raise a ConfigurationError if trials are too short, or a change has nowhere to start."""
+def _check_enough(
+    robot: RobotModel, observed: Observed, config: FitConfig, known_noise: bool
+) -> None:
+    """Raise a ConfigurationError if trials are too short, or a change has nowhere to start.
+
+    Trials are too short where noise that is not known must be told from what the numbers explain.
+    """
     groups = robot.groups if config.nuisances is None else config.nuisances
     for hypothesis in (robot.nominal, *robot.alternatives):
         of = Parameters.of(robot, len(observed), groups, hypothesis)
-        if observed.size <= of.unknowns:
+        if not known_noise and observed.size <= of.unknowns:
             raise ConfigurationError(
                 f"trials must have more samples than the {of.unknowns} unknowns if "
                 f"{hypothesis.name}; got {observed.size}"

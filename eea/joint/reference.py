@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, all_of, instance, real
+from eea.core.checks import ConfigurationError, all_of, brief, instance, real
 from eea.core.config import FitConfig
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
@@ -78,6 +78,7 @@ def learn(
     sessions: Sequence[object] | None = None,
     seed: int = 0,
     config: FitConfig | None = None,
+    ongoing: object = None,
 ) -> Reference:
     """Return what known-good logs tell: the robot as it was, its spread, and its noise.
 
@@ -94,11 +95,16 @@ def learn(
         so is every later log.
     seed, config
         Of the fits.
+    ongoing
+        The label of the session that later logs are of, so that they are judged by the robot as it
+        was in that session, and only the spread within is learned from the others. None: later logs
+        are of a new session.
 
     Raises
     ------
     ConfigurationError
-        If there are fewer than two logs, or not as many labels as logs.
+        If there are fewer than two logs, not as many labels as logs, or no session has the label
+        ``ongoing`` or two logs from which the spread within a session can be told.
     """
     instance("robot", robot, RobotModel)
     if len(all_of("known_good", known_good, Trial)) < 2:
@@ -107,6 +113,14 @@ def learn(
     if len(labels) != len(known_good):
         raise ConfigurationError(
             f"sessions must be one label for each of {len(known_good)} logs; got {len(labels)}"
+        )
+    if ongoing is not None and (sessions is None or ongoing not in labels):
+        raise ConfigurationError(
+            f"ongoing must be one of the labels in sessions; got {brief(ongoing)}"
+        )
+    if ongoing is not None and len(set(labels)) == len(labels):
+        raise ConfigurationError(
+            "ongoing needs a session of two logs or more, which tell the spread within a session"
         )
     config = LEARNING_CONFIG if config is None else config
     instance("config", config, FitConfig)
@@ -118,10 +132,11 @@ def learn(
         fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
         noise = noise_left([one.optima for one in fits])
         whole = replace(whole, prior=_spread(fits, labels))
-    wide = _spread(fits, labels, widened=True)
-    whole = replace(whole, prior=wide)
+    later = _spread(fits, labels, ongoing, widened=True)
+    whole = replace(whole, prior=_spread(fits, labels, widened=True))
     fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
-    return Reference(replace(robot, prior=wide), noise, np.array([_misfit(f.optima) for f in fits]))
+    misfits = np.array([_misfit(one.optima) for one in fits])
+    return Reference(replace(robot, prior=later), noise, misfits)
 
 
 class LogFit(NamedTuple):
@@ -154,11 +169,19 @@ def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed
     return LogFit(optima, names, mode.theta[entries], covariance)
 
 
-def _spread(fits: Sequence[LogFit], labels: Sequence[object], widened: bool = False) -> Prior:
-    """Return the distribution of a new log's numbers, of a new session if there are several."""
+def _spread(
+    fits: Sequence[LogFit],
+    labels: Sequence[object],
+    ongoing: object = None,
+    widened: bool = False,
+) -> Prior:
+    """Return the distribution of a new log's numbers, of a new session if there are several.
+
+    Or of the session with the label ``ongoing``.
+    """
     theta = np.array([one.theta for one in fits])
     uncertain = np.mean([one.covariance for one in fits], axis=0)
-    mean, covariance = new_member(theta, uncertain, labels, widened)
+    mean, covariance = new_member(theta, uncertain, labels, ongoing, widened)
     return Prior(fits[0].names, mean, covariance + LEAST_SD**2 * np.eye(len(covariance)))
 
 

@@ -102,12 +102,13 @@ class Robot(RobotModel):
         sessions: Sequence[object] | None = None,
         seed: int = 0,
         config: FitConfig | None = None,
+        ongoing: object = None,
     ) -> Reference:
         """Return what logs that are known to be good tell; see :func:`eea.joint.reference.learn`.
 
         ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in
-        which the robot is not repaired.
+        which the robot is not repaired. ``ongoing`` is the label of the one that still goes on.
         """
         from eea.joint.reference import learn
 
-        return learn(self, known_good, sessions, seed, config)
+        return learn(self, known_good, sessions, seed, config, ongoing)

@@ -5,7 +5,8 @@ The numbers x of member i in group s are ::
     x[s, i] = mean + between[s] + within[s, i]
 
 and a new member of a new group lies about the mean of the n groups with the variance
-(1 + 1/n) between + within. Few groups tell little of the spread between them: it is Student's t,
+(1 + 1/n) between + within. A new member of a group of m lies about the mean of that group with the
+variance (1 + 1/m) within. Few groups, or members, tell little of their spread: it is Student's t,
 for which a normal distribution of the same 90% interval stands.
 """
 
@@ -22,10 +23,15 @@ NORMAL_95 = 1.6448536269514722
 
 
 def new_member(
-    values: Floats, uncertain: Floats, labels: Sequence[object], widened: bool = False
+    values: Floats,
+    uncertain: Floats,
+    labels: Sequence[object],
+    group: object = None,
+    widened: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return the mean (k,) and covariance (k, k) of a new member, of a new group if some differ.
+    """Return the mean (k,) and covariance (k, k) of a new member.
 
+    It is of the ``group`` of that label, if given; else of a new group, or of the only one.
     ``values`` (n, k) are known up to the covariance ``uncertain`` (k, k), and members of a group
     have the same label. ``widened`` by Student's t, as few groups, or members of one, tell little
     of their spread.
@@ -33,21 +39,24 @@ def new_member(
     members = len(values)
     groups = [np.array([label == other for other in labels]) for label in dict.fromkeys(labels)]
     count = len(groups)
-    means = np.array([values[group].mean(axis=0) for group in groups])
-    apart = values - sum(np.outer(group, mean) for group, mean in zip(groups, means, strict=True))
+    means = np.array([values[of].mean(axis=0) for of in groups])
+    apart = values - sum(np.outer(of, mean) for of, mean in zip(groups, means, strict=True))
     seen = apart.T @ apart / max(members - count, 1)
     within = seen + uncertain
-    if count > 1:
-        each = np.mean([1.0 / group.sum() for group in groups])
+    own = np.array([label == group for label in labels]) if group is not None else groups[0]
+    if group is None and count > 1:
+        mean = means.mean(axis=0)
+        each = np.mean([1.0 / of.sum() for of in groups])
         between = np.cov(means, rowvar=False).reshape(within.shape) - each * seen
         covariance = (1.0 + 1.0 / count) * _positive(between) + within
         freedom = count - 1
     else:
-        covariance = (1.0 + 1.0 / members) * within
-        freedom = members - 1
+        mean = values[own].mean(axis=0)
+        covariance = (1.0 + 1.0 / own.sum()) * within
+        freedom = members - count
     if widened:
         covariance = covariance * widening(freedom) ** 2
-    return means.mean(axis=0), covariance
+    return mean, covariance
 
 
 def widening(freedom: float) -> float:

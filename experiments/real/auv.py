@@ -254,4 +254,5 @@ def healthy_interval(reference: Reference, share: float) -> Floats:
     assert prior is not None  # which was learned
     centre = AUV.low + AUV.span * prior.mean
     sd = np.hypot(AUV.span * np.sqrt(np.diag(prior.covariance)), reference.noise.sd)
-    return centre[:, None] + sd[:, None] * norm.interval(share)
+    ends: Floats = centre[:, None] + sd[:, None] * np.array(norm.interval(share))
+    return ends

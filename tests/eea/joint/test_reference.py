@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from cart import QUICK, SD, SOUGHT, measured
+from cart import PUSH, QUICK, SD, SOUGHT, measured
 from eea import Hypothesis, Normal, Trial
 from eea.core.checks import ConfigurationError
 
@@ -73,6 +73,37 @@ def test_sessions_of_one_log_are_as_wide_as_logs_of_one_session():
 def test_fewer_sessions_tell_less_of_a_new_one(reference):
     few = ROBOT.learn(*known_good(np.random.default_rng(3), sessions=3), config=EFFORT)
     assert spread_of(few) > 1.2 * spread_of(reference)
+
+
+def test_later_logs_of_an_ongoing_session_are_judged_by_that_session():
+    rng = np.random.default_rng(8)
+    trials, labels = known_good(rng)
+    columns = np.column_stack([PUSH, np.ones_like(PUSH)])
+    gains = np.linalg.lstsq(columns, np.transpose([t.signal[:, 0] for t in trials]))[0][0]
+    means = gains.reshape(SESSIONS, LOGS).mean(axis=1)
+    label = f"build {means.argmax()}"
+    ongoing = ROBOT.learn(trials, labels, config=EFFORT, ongoing=label)
+    assert ongoing.robot.usual["gain"] == pytest.approx(means.max(), abs=0.01)
+    within = widening(SESSIONS * (LOGS - 1)) * (1.0 + 1.0 / LOGS) ** 0.5 * WITHIN
+    assert spread_of(ongoing) == pytest.approx(within, rel=0.25)
+
+
+def test_the_session_that_goes_on_must_be_known():
+    trials, labels = known_good(np.random.default_rng(9), sessions=2)
+    for sessions, ongoing in ((labels, "build 7"), (None, "build 0")):
+        with pytest.raises(ConfigurationError, match="ongoing must be one of the labels"):
+            ROBOT.learn(trials, sessions, config=EFFORT, ongoing=ongoing)
+    with pytest.raises(ConfigurationError, match="ongoing needs a session of two logs"):
+        ROBOT.learn(trials[::2], labels[::2], config=EFFORT, ongoing="build 0")
+
+
+def test_a_log_of_fewer_samples_than_numbers_is_judged(reference):
+    start = measured(np.random.default_rng(10))
+    short = Trial(start.signal[:1], start.inputs)
+    found = reference.infer([short], config=QUICK)
+    assert found.probability("nothing is broken") > 0.5
+    with pytest.raises(ConfigurationError, match="more samples than"):
+        ROBOT.infer([short], config=QUICK)
 
 
 def test_noise_and_what_is_known_are_learned(reference):
