@@ -20,7 +20,16 @@ from __future__ import annotations
 
 import math
 
-from aquafish_gym.physics.arithmetic import Number, Vector, add_scaled, dot, fma, scale, where_less
+from aquafish_gym.physics.arithmetic import (
+    Number,
+    Vector,
+    add_scaled,
+    dot,
+    fma,
+    scale,
+    square_root,
+    where_less,
+)
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, NOSE, RADIUS, Fin
 
@@ -53,7 +62,7 @@ def finite_span(width: Number, length: Number) -> Number:
     """
     square = fma(width, width, fma(length, length, 1e-30))
     s = width * length / square
-    return length / math.sqrt(square) * (1.0 - s * (0.49 - 0.26 * s))
+    return length / square_root(square) * (1.0 - s * (0.49 - 0.26 * s))
 
 
 def plate_mass(width: Number, length: Number) -> Number:

@@ -1,10 +1,11 @@
 """Arithmetic that the drag law and the dynamics need beyond ``+ - * /`` and ``sqrt``.
 
-The physics is written once and runs on three scalar backends: plain floats (the reference), numba's
-float64 and float32, and SIMD lanes of either (``simd.py``). All code is straight-line: no branch
-depends on data, because the robots in one vector register share their instructions. The primitives
-below have a second, vector body in ``simd.py``. They also take rows (numpy arrays with one number
-per robot), for tasks and observations.
+The physics is written once and runs on four scalar backends: plain floats (the reference), numba's
+float64 and float32, SIMD lanes of either (``simd.py``), and symbols (``symbols.py``), by which it
+is printed in other languages. All code is straight-line: no branch depends on data, because the
+robots in one vector register share their instructions. The primitives below have a second, vector
+body in ``simd.py``. They also take rows (numpy arrays with one number per robot), for tasks and
+observations.
 
 Multiply-adds are fused only in :func:`fma`: a compiler that may fuse freely rounds differently at
 every lane width.
@@ -19,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
-Number = Any  # a float, a row of floats, or a SIMD lane of floats
+from aquafish_gym.physics.symbols import Symbol, operation
+
+Number = Any  # a float, a row of floats, a SIMD lane of floats, or a symbol
 Vector = tuple[Number, Number, Number]
 Matrix = tuple[Vector, Vector, Vector]  # rows
 Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz, xy, xz, yz
@@ -35,12 +38,19 @@ _fma.argtypes = [ctypes.c_double] * 3
 
 def fma(a: Number, b: Number, c: Number) -> Number:
     """Return a b + c, rounded once (rows: twice)."""
-    return a * b + c if isinstance(a, np.ndarray) else _fma(a, b, c)
+    if isinstance(a, np.ndarray):
+        return a * b + c
+    try:
+        return _fma(a, b, c)
+    except ctypes.ArgumentError:  # no check before, which would slow down plain floats
+        return operation("fma", a, b, c)
 
 
 def where_less(a: Number, b: Number, then: Number, otherwise: Number) -> Number:
     """Return ``then`` where a < b, else ``otherwise``."""
     less = a < b
+    if isinstance(less, Symbol):
+        return operation("where_less", a, b, then, otherwise)
     if isinstance(less, np.ndarray):
         return np.where(less, then, otherwise)
     return then if less else otherwise
@@ -48,16 +58,23 @@ def where_less(a: Number, b: Number, then: Number, otherwise: Number) -> Number:
 
 def floor(x: Number) -> Number:
     """Return the largest integer not above ``x``, as a float."""
+    if isinstance(x, Symbol):
+        return operation("floor", x)
     return np.floor(x) if isinstance(x, np.ndarray) else float(math.floor(x))
 
 
 def square_root(x: Number) -> Number:
     """Return the square root of ``x``."""
-    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+    if isinstance(x, float):
+        return math.sqrt(x)
+    return operation("square_root", x) if isinstance(x, Symbol) else np.sqrt(x)
 
 
 def cosine_sine(angle: Number) -> tuple[Number, Number]:
-    """Return (cos, sin) of an angle in rad; lanes use :func:`sine_cosine`."""
+    """Return (cos, sin) of an angle in rad; lanes and symbols use :func:`sine_cosine`."""
+    if isinstance(angle, Symbol):
+        sine, cosine = sine_cosine(angle * (1 / TAU))
+        return cosine, sine
     return np.cos(angle), np.sin(angle)
 
 

@@ -20,13 +20,14 @@ from aquafish_gym.physics.arithmetic import (
     floor,
     fma,
     sine_cosine,
+    square_root,
     where_less,
 )
 
 
 def attitude(r: Matrix) -> Vector:
     """Return (roll, pitch, yaw) of a rotation matrix from body to world, pitch in +-pi/2."""
-    pitch = arctangent2(r[2][1], math.sqrt(fma(r[2][0], r[2][0], r[2][2] * r[2][2])))
+    pitch = arctangent2(r[2][1], square_root(fma(r[2][0], r[2][0], r[2][2] * r[2][2])))
     return (arctangent2(-r[2][0], r[2][2]), pitch, arctangent2(-r[0][1], r[1][1]))
 
 

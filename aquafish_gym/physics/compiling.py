@@ -34,11 +34,11 @@ from aquafish_gym.utils.kernel_cache import (
     why_nothing_is_kept,
 )
 
-# All except the two that compile the others.
+# All except those that compile or print the others.
 PHYSICS_MODULES = [
     import_module(f"{__package__}.{found.name}")
     for found in pkgutil.iter_modules([str(Path(__file__).parent)])
-    if found.name not in ("simd", "compiling")
+    if found.name not in ("simd", "compiling", "symbols", "printing")
 ]
 
 

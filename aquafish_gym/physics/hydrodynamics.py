@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from aquafish_gym.physics.arithmetic import Number, Vector, dot, fma
+from aquafish_gym.physics.arithmetic import Number, Vector, dot, fma, square_root
 from aquafish_gym.physics.robot import (
     CAPSULE_STATIONS,
     MOUNT_LENGTH,
@@ -62,7 +62,7 @@ def plate_coefficient(face: Number, edges: Number) -> Number:
 
 
 def _speed(velocity: Vector) -> Number:
-    return math.sqrt(dot(velocity, velocity))
+    return square_root(dot(velocity, velocity))
 
 
 def fin_drag(fin: Fin, velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
@@ -120,7 +120,7 @@ def _station(y: float, weight: float, velocity: Vector, spin: Vector) -> tuple[N
     """Return the cross-flow force (x, z) on the stretch of capsule around ``y``."""
     x = fma(-y, spin[2], velocity[0])
     z = fma(y, spin[0], velocity[2])
-    k = -(_CROSS * weight) * math.sqrt(fma(x, x, z * z))
+    k = -(_CROSS * weight) * square_root(fma(x, x, z * z))
     return k * x, k * z
 
 
@@ -143,7 +143,7 @@ def body_drag(velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
     """
     # The stations lie mirrored about the middle one.
     (_, w0), (y1, w1), (y2, w2) = CAPSULE_STATIONS[2:]
-    k0 = -(_CROSS * w0) * math.sqrt(fma(velocity[0], velocity[0], velocity[2] * velocity[2]))
+    k0 = -(_CROSS * w0) * square_root(fma(velocity[0], velocity[0], velocity[2] * velocity[2]))
     fore1_x, fore1_z = _station(y1, w1, velocity, spin)
     fore2_x, fore2_z = _station(y2, w2, velocity, spin)
     aft1_x, aft1_z = _station(-y1, w1, velocity, spin)

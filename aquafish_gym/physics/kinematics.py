@@ -177,5 +177,10 @@ def joint_accelerations(state: State, joints: Joints, h: Number) -> Vector:
 def at_rest(fin_angles: tuple[float, float, float]) -> State:
     """Return the state every trial starts from, on plain floats: still, upright, facing +y."""
     left, right, phase = ((math.cos(a), math.sin(a)) for a in fin_angles)
+    return resting(left, right, phase)
+
+
+def resting(left: Pair, right: Pair, phase: Pair) -> State:
+    """Return :func:`at_rest` for the (cos, sin) of the joints."""
     zero = (0.0, 0.0, 0.0)
     return State((0.0, 0.0, 0.0, 1.0), zero, zero, zero, left, right, phase, zero)

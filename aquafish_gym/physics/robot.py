@@ -14,7 +14,9 @@ axis, centred on the other two.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from aquafish_gym.physics.arithmetic import Number, where_less
 
 RADIUS = 0.5  # camera fit of the paper's Fig. 4: 0.491
 CYLINDER = 3.0  # the same fit: 3.07; with its two caps the capsule is 4 long
@@ -54,16 +56,35 @@ BODY_INERTIA = _capsule_inertia()
 class Fin(NamedTuple):
     """One fin's sizes and mass properties, in its fin frame (width, length, normal).
 
-    Each entry is a number, or a SIMD lane of numbers where the lanes call. ``inertia`` is
-    about the fin's centre, and ``drag`` multiplies the drag law's coefficients.
+    ``inertia`` is about the fin's centre, and ``drag`` multiplies the drag law's coefficients.
     """
 
-    width: Any
-    length: Any
-    thickness: Any
-    mass: Any
-    inertia: tuple[Any, Any, Any]
-    drag: Any = 1.0
+    width: Number
+    length: Number
+    thickness: Number
+    mass: Number
+    inertia: tuple[Number, Number, Number]
+    drag: Number = 1.0
+
+
+def box(
+    width: Number, length: Number, thickness: Number, density: Number = 1.0, drag: Number = 1.0
+) -> Fin:
+    """Return the fin of these sizes, units; ``density`` is relative to the water's."""
+    mass = _at_least(MINIMUM_FIN_MASS, width * length * thickness * density)
+    a = width * width / 12
+    b = length * length / 12
+    c = thickness * thickness / 12
+    inertia = (
+        _at_least(MINIMUM_GYRATION**2, b + c) * mass,
+        _at_least(MINIMUM_GYRATION**2, a + c) * mass,
+        _at_least(MINIMUM_GYRATION**2, a + b) * mass,
+    )
+    return Fin(width, length, thickness, mass, inertia, drag)
+
+
+def _at_least(least: float, x: Number) -> Number:
+    return where_less(x, least, least, x)
 
 
 class Robot(NamedTuple):
@@ -72,7 +93,7 @@ class Robot(NamedTuple):
     left: Fin
     right: Fin
     caudal: Fin
-    drag: Any = 1.0
+    drag: Number = 1.0
 
 
 # The capsule's Gauss stations for its own diameter as weight: (y, integral of the diameter over

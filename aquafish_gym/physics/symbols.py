@@ -1,0 +1,84 @@
+"""Symbols: numbers that are not known yet, a scalar backend of ``arithmetic.py``.
+
+The physics runs on symbols as it runs on floats. The results are expressions, which
+``printing.py`` prints in another language. Operations of constants are computed here, in double
+precision, as plain Python computes them; nothing is simplified, so that the printed code rounds
+as plain Python does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Symbol:
+    """The result of an ``operation``, or an entry of an array: ``("state", 3)``.
+
+    Parameters
+    ----------
+    operation
+        The operation's name, a key of ``printing.JAVASCRIPT.operations``, or the array's.
+    operands
+        Symbols and floats; of an entry, its index.
+    """
+
+    __slots__ = ("operands", "operation")
+
+    __array_ufunc__ = None  # numpy's numbers leave operations with symbols to this class
+
+    def __init__(self, operation: str, *operands: Any) -> None:
+        self.operation = operation
+        self.operands = operands
+
+    def __bool__(self) -> bool:
+        raise TypeError("a symbol is neither true nor false: choose by where_less, not by a branch")
+
+    def __add__(self, other: Any) -> Any:
+        return operation("add", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return operation("add", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return operation("subtract", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return operation("subtract", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return operation("multiply", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return operation("multiply", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return operation("divide", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return operation("divide", other, self)
+
+    def __neg__(self) -> Any:
+        return operation("negate", self)
+
+    def __abs__(self) -> Any:
+        return operation("abs", self)
+
+    def __lt__(self, other: Any) -> Any:
+        return operation("less", self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        return operation("less", other, self)
+
+
+def operation(name: str, *operands: Any) -> Symbol:
+    """Return the symbol of an operation on symbols and plain numbers.
+
+    Raises
+    ------
+    TypeError
+        If an operand is neither.
+    """
+    for operand in operands:
+        if not isinstance(operand, Symbol | float | int):
+            raise TypeError(f"{name} takes symbols and numbers; got {type(operand).__name__}")
+    return Symbol(name, *(x if isinstance(x, Symbol) else float(x) for x in operands))
