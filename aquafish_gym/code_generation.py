@@ -33,7 +33,7 @@ from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.sense import beyond_imu, imu, limits
 
 _STEP = {"state": STATE_NUMBERS, "robot": ROBOT_ROWS, "current": 3, "command": 3}
-_OBSERVED = len(limits(observe_fins=False, has_goal=True))
+CHANNELS_WITH_GOAL = len(limits(observe_fins=False, has_goal=True))
 
 
 def robot_rows(sizes: Any, density: Any, drag: Any, robot: Any) -> None:
@@ -102,7 +102,7 @@ FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
     start: {"fin_angles": 3, "state": STATE_NUMBERS},
     step: _STEP,
     step_reactive: _STEP,
-    sense: {"state": STATE_NUMBERS, "goal": 3, "observation": _OBSERVED},
+    sense: {"state": STATE_NUMBERS, "goal": 3, "observation": CHANNELS_WITH_GOAL},
 }
 
 
@@ -112,11 +112,14 @@ def traced(function: Callable[..., None]) -> Traced:
     return trace(function, **FUNCTIONS[function])
 
 
-def source(language: Language, *functions: Callable[..., None]) -> str:
-    """Return the source of some of ``FUNCTIONS``."""
-    return "\n".join(printed(f.__name__, traced(f), language) for f in functions)
+def source(language: Language, *functions: Callable[..., None], prefix: str = "") -> str:
+    """Return some of ``FUNCTIONS``, or all, in a language; ``prefix`` begins their names."""
+    return "\n".join(
+        printed(prefix + function.__name__, traced(function), language)
+        for function in functions or FUNCTIONS
+    )
 
 
 def javascript(*functions: Callable[..., None]) -> str:
     """Return some of ``FUNCTIONS``, or all, in JavaScript: plain functions, without ``export``."""
-    return source(JAVASCRIPT, *(functions or FUNCTIONS))
+    return source(JAVASCRIPT, *functions)

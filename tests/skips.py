@@ -14,6 +14,7 @@ MAY_BE_SKIPPED = {
     "Xvfb is not installed": "pip has none, and apt is not everywhere",
     "needs tkinter": "Python may be built without it",
     "there is no C compiler, cc": "pip has none",
+    "there is no JavaScript engine, node": "pip has none, and apt is not everywhere",
     "this machine cannot run": "another processor's instructions",
 }
 

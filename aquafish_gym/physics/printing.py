@@ -97,10 +97,9 @@ def trace(function: Callable[..., None], **sizes: int) -> Traced:
     sizes
         The length of the array that each parameter is.
     """
-    if list(signature(function).parameters) != list(sizes):
-        raise TypeError(
-            f"the sizes must be those of {signature(function)}, in this order; got {list(sizes)}"
-        )
+    parameters = list(signature(function).parameters)
+    if parameters != list(sizes):
+        raise TypeError(f"sizes must be those of {parameters}, in this order; got {list(sizes)}")
     before = {name: [Symbol(name, i) for i in range(size)] for name, size in sizes.items()}
     after = {name: list(entries) for name, entries in before.items()}
     function(**after)

@@ -1,0 +1,270 @@
+"""The printed JavaScript and C swim as plain Python and the lanes do; C to the bit."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aquafish_gym import code_generation as robot
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.physics.arithmetic import Number, cosine_sine, floor, fma, square_root, where_less
+from aquafish_gym.physics.layout import (
+    STATE_NUMBERS,
+    robot_parameters,
+    start_rows,
+    state_from_numbers,
+)
+from aquafish_gym.physics.printing import C99, JAVASCRIPT, printed, trace
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.sense import observe
+
+CC, NODE = shutil.which("cc"), shutil.which("node")
+NAMES = {function.__name__: function for function in robot.FUNCTIONS}
+Array = NDArray[np.float64]
+# Calls a function for each robot some times: (the arrays by parameter, (B, n) each, times).
+Caller = Callable[[dict[str, Array], int], None]
+
+C_LOOP = """
+void loop(int robots, int times, double **arrays, const int *sizes)
+{
+    for (int i = 0; i < robots; i++)
+        for (int t = 0; t < times; t++)
+            fish_NAME(ARGUMENTS);
+}
+"""
+JAVASCRIPT_LOOP = """
+const fs = require("fs");
+const file = process.argv[2];
+const {robots, times, sizes} = JSON.parse(process.argv[3]);
+const bytes = fs.readFileSync(file);
+const numbers = new Float64Array(bytes.buffer, bytes.byteOffset, bytes.length / 8);
+let first = 0;
+const arrays = sizes.map((size) => {
+    const table = numbers.subarray(first, first + robots * size);
+    first += robots * size;
+    return table;
+});
+for (let i = 0; i < robots; i++) {
+    const own = arrays.map((table, k) => table.subarray(i * sizes[k], (i + 1) * sizes[k]));
+    for (let t = 0; t < times; t++)
+        NAME(...own);
+}
+fs.writeFileSync(file, numbers);
+"""
+
+
+def in_python(name: str, _folder: Path) -> Caller:
+    def call(arrays: dict[str, Array], times: int) -> None:
+        lists = {key: table.tolist() for key, table in arrays.items()}
+        for rows in zip(*lists.values(), strict=True):
+            for _ in range(times):
+                NAMES[name](*rows)
+        for key, table in arrays.items():
+            table[:] = lists[key]
+
+    return call
+
+
+def in_c(name: str, folder: Path) -> Caller:
+    if CC is None:
+        pytest.skip("there is no C compiler, cc")
+    sizes = robot.FUNCTIONS[NAMES[name]]
+    arguments = ", ".join(f"arrays[{k}] + i * sizes[{k}]" for k in range(len(sizes)))
+    loop = C_LOOP.replace("NAME", name).replace("ARGUMENTS", arguments)
+    code, library = folder / f"{name}.c", folder / f"{name}.so"
+    code.write_text("#include <math.h>\n" + robot.source(C99, NAMES[name], prefix="fish_") + loop)
+    warnings = ("-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
+    flags = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-shared")
+    subprocess.run([CC, *warnings, *flags, code, "-lm", "-o", library], check=True)
+
+    def call(arrays: dict[str, Array], times: int) -> None:
+        pointers = [table.ctypes.data for table in arrays.values()]
+        ctypes.CDLL(str(library)).loop(
+            len(next(iter(arrays.values()))), times, (ctypes.c_void_p * len(sizes))(*pointers),
+            (ctypes.c_int * len(sizes))(*sizes.values()),
+        )  # fmt: skip
+
+    return call
+
+
+def in_javascript(name: str, folder: Path) -> Caller:
+    if NODE is None:
+        pytest.skip("there is no JavaScript engine, node")
+    sizes = robot.FUNCTIONS[NAMES[name]]
+    code, file = folder / f"{name}.js", folder / "numbers"
+    code.write_text(robot.javascript(NAMES[name]) + JAVASCRIPT_LOOP.replace("NAME", name))
+
+    def call(arrays: dict[str, Array], times: int) -> None:
+        file.write_bytes(b"".join(table.tobytes() for table in arrays.values()))
+        robots = len(next(iter(arrays.values())))
+        asked = f'{{"robots": {robots}, "times": {times}, "sizes": {list(sizes.values())}}}'
+        subprocess.run([NODE, code, file, asked], check=True)
+        numbers = np.fromfile(file)
+        for table in arrays.values():
+            table.ravel()[:], numbers = np.split(numbers, [table.size])[0], numbers[table.size :]
+
+    return call
+
+
+LANGUAGES = {"c": in_c, "javascript": in_javascript}
+
+
+def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
+    """Return the arrays of a function for random robots in any motion."""
+    rng = np.random.default_rng(0)
+    bodies = rng.uniform(0, MAXIMA, (count, 9)) * (rng.random((count, 9)) < 0.9)
+    drag, density = rng.uniform(0.2, 2.0, (count, 2)), rng.uniform(0.5, 2.0, (count, 1))
+    states = start_rows(
+        rng.uniform(-np.pi, np.pi, (count, 3)), rng.normal(0, 2, (count, 3)),
+        rng.normal(0, 3, (count, 3)), rng.normal(0, 3, (count, 3)),
+    ).T[:, :STATE_NUMBERS]  # fmt: skip
+    turned = rng.normal(size=(count, 4))
+    states[:, :4] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    states[:, 4:7] = rng.normal(0, 10, (count, 3))
+    found = {
+        "sizes": bodies,
+        "density": density,
+        "drag": drag,
+        "fin_angles": rng.uniform(-7, 7, (count, 3)),
+        "state": states,
+        "robot": robot_parameters(bodies, drag, density[:, 0]).T,
+        "current": rng.normal(0, 0.3, (count, 3)),
+        "command": rng.uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3)),
+        "goal": rng.normal(0, 60, (count, 3)),
+        "observation": np.zeros((count, 12)),
+    }
+    return {key: found[key].copy() for key in robot.FUNCTIONS[NAMES[name]]}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_call_is_plain_pythons(name: str, language: str, tmp_path: Path) -> None:
+    """For a thousand random bodies, states and commands."""
+    arrays, expected = random_arrays(name), random_arrays(name)
+    in_python(name, tmp_path)(expected, 1)
+    LANGUAGES[language](name, tmp_path)(arrays, 1)
+    for key, table in arrays.items():
+        if language == "c":
+            np.testing.assert_array_equal(table, expected[key])
+        else:
+            np.testing.assert_allclose(table, expected[key], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(("name", "count"), [("step", 1000), ("step_reactive", 100)])
+def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, tmp_path: Path) -> None:
+    """Of random robots. Float64 lanes are plain Python to the bit, as ``tests/engines`` shows."""
+    arrays, rows = random_arrays(name, count), random_arrays("robot_rows", count)
+    angles = random_arrays("start", count)["fin_angles"]
+    arrays["state"] = start_rows(angles).T[:, :STATE_NUMBERS].copy()
+    scenario = Scenario.create(
+        rows["sizes"], drag=rows["drag"], fin_density=rows["density"][:, 0],
+        current=arrays["current"], fin_angles=angles, reactive=name == "step_reactive",
+    )  # fmt: skip
+    lanes = LaneBatch(scenario, np.float64)
+    lanes.advance(arrays["command"], 2000)
+    LANGUAGES[language](name, tmp_path)(arrays, 2000)
+    expected = lanes.states[:STATE_NUMBERS].T
+    if language == "c":
+        np.testing.assert_array_equal(arrays["state"], expected)
+    else:
+        np.testing.assert_allclose(arrays["state"], expected, rtol=0, atol=1e-12)
+
+
+def test_senses_are_those_of_an_observation() -> None:
+    arrays = random_arrays("sense", 100)
+    for state, goal, seen in zip(*(table.tolist() for table in arrays.values()), strict=True):
+        robot.sense(state, goal, seen)
+        expected = observe(state_from_numbers(state), goal=tuple(goal))
+        np.testing.assert_array_equal(np.array(seen, np.float32), expected)
+
+
+def test_a_start_is_that_of_a_trial() -> None:
+    begin = [math.nan] * STATE_NUMBERS
+    robot.start([0.5, -1.0, 9.0], begin)
+    expected = start_rows(np.array([[0.5, -1.0, 9.0]]))[:STATE_NUMBERS, 0]
+    np.testing.assert_allclose(begin, expected, rtol=0, atol=1e-15)
+
+
+def test_every_primitive_is_printed() -> None:
+    """Equal operations once, constants computed, unused operations and the sign of 0 kept off."""
+
+    def function(a: list[Number], b: list[Number]) -> None:
+        unused = a[0] / a[1]
+        assert unused is not a[0]
+        once = fma(2, a[0], 0.5 * 3)
+        again = fma(2, a[0], 0.5 * 3)
+        b[0] = where_less(once, again, floor(a[1]), -1)
+        b[1] = square_root(abs(-a[0]))
+        b[2] = (0.0 + a[0]) - (-0.0 + a[0]) + 1 / a[1]
+
+    traced = trace(function, a=2, b=3)
+    assert printed("f", traced, C99) == (
+        "void f(const double a[2], double b[3])\n{\n"
+        "    const double a0 = a[0];\n"
+        "    const double t1 = fma(2.0, a0, 1.5);\n"
+        "    const double a1 = a[1];\n"
+        "    const double t3 = floor(a1);\n"
+        "    const double t4 = t1 < t1 ? t3 : (-1.0);\n"
+        "    const double t5 = -a0;\n"
+        "    const double t6 = fabs(t5);\n"
+        "    const double t7 = sqrt(t6);\n"
+        "    const double t8 = 0.0 + a0;\n"
+        "    const double t9 = (-0.0) + a0;\n"
+        "    const double t10 = t8 - t9;\n"
+        "    const double t11 = 1.0 / a1;\n"
+        "    const double t12 = t10 + t11;\n"
+        "    b[0] = t4;\n"
+        "    b[1] = t7;\n"
+        "    b[2] = t12;\n"
+        "}\n"
+    )
+    assert "const t1 = 2.0 * a0 + 1.5;\n" in printed("f", traced, JAVASCRIPT)
+    assert traced.operations.total() == 11
+
+
+def test_what_is_read_may_be_written() -> None:
+    """A swap reads both entries first."""
+
+    def swap(a: list[Number]) -> None:
+        a[0], a[1] = a[1], a[0]
+
+    assert printed("swap", trace(swap, a=2), JAVASCRIPT) == (
+        "function swap(a) {\n    const a1 = a[1];\n    const a0 = a[0];\n"
+        "    a[0] = a1;\n    a[1] = a0;\n}\n"
+    )
+
+
+def test_cosine_and_sine_of_a_symbol_are_the_lanes_polynomials() -> None:
+    def wave(angle: list[Number], out: list[Number]) -> None:
+        out[0], out[1] = cosine_sine(angle[0])
+
+    assert {"floor", "fma"} < set(trace(wave, angle=1, out=2).operations)
+
+
+def test_a_branch_on_a_symbol_is_refused() -> None:
+    with pytest.raises(TypeError, match="choose by where_less"):
+        trace(lambda a: a[0] if a[0] < 1.0 else None, a=1)
+
+
+@pytest.mark.parametrize("wrong", [None, "1", np.zeros(2)])
+def test_a_symbol_and_no_number_are_refused(wrong: object) -> None:
+    with pytest.raises(TypeError, match="takes symbols and numbers"):
+        trace(lambda a: a[0] * wrong, a=1)
+    with pytest.raises(TypeError):
+        trace(lambda a: fma(a[0], 1.0, wrong), a=1)
+
+
+def test_sizes_of_other_parameters_are_refused() -> None:
+    with pytest.raises(TypeError, match=r"must be those of \['state', .*got \['state'\]"):
+        trace(robot.step, state=22)
