@@ -11,7 +11,10 @@ COMMANDS: Commands = {
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),
     "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
     "film": ("gait.film:Film", "film controllers as they swim, side by side"),
-    "export": ("gait.controllers.export:Export", "write a controller in C for a microcontroller"),
+    "export": (
+        "gait.controllers.export:Export",
+        "write a controller and a model in C, for a board",
+    ),
     "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
 }
 

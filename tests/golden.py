@@ -127,6 +127,18 @@ def exported() -> Any:
         return [path.read_text() for path in export_c(random_networks()[0], f"{folder}/fish.c")]
 
 
+def printed() -> Any:
+    """Return the physics in JavaScript, and a model's C file with its test vectors, as written."""
+    from aquafish_gym import Morphology, code_generation
+    from gait.controllers.export_model import export_model
+
+    functions = set(code_generation.FUNCTIONS) - {code_generation.step_reactive}
+    script = code_generation.javascript(*sorted(functions, key=lambda f: f.__name__))
+    with tempfile.TemporaryDirectory() as folder:
+        files = export_model(Morphology.nominal(), f"{folder}/model.c")
+        return [script, *(path.read_text() for path in files)]
+
+
 # The agent that swims on
 
 
@@ -335,6 +347,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     "swims float32": partial(swims, "float32"),
     "swims float64": partial(swims, "float64"),
     "export": exported,
+    "export model": printed,
     "agent episode": agent_episode,
     "league row": league_row,
 }  # fmt: skip

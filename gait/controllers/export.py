@@ -1,4 +1,4 @@
-"""The command ``export``: a controller as one C99 file for a microcontroller, with test vectors.
+"""The command ``export``, and a controller as one C99 file for a microcontroller, with vectors.
 
 ``controller.c`` restates ``network.respond``, ``command.lane_servo_speeds`` and ``command.reckon``
 in C. The test vectors are what these functions return in float32 lanes, and both agree to the bit.
@@ -6,52 +6,76 @@ in C. The test vectors are what these functions return in float32 lanes, and bot
 
 from __future__ import annotations
 
-import re
 import textwrap
 from dataclasses import dataclass
-from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tyro.conf import Positional, arg
 
+from aquafish_gym.bodies import MorphologiesLike, read_bodies
 from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout.programs import ProgramAgent
+from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
-from aquafish_gym.utils.storage import output_file, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from gait.controllers.c_files import c_files, filled, wrapped, write_c_files
 from gait.controllers.controller import Controller, program_of
+from gait.controllers.export_model import export_model
 from gait.controllers.network import OUTPUTS, Senses
 
 VECTOR_COUNT = 1000
 VECTOR_FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
 VECTOR_SERVO_GAIN = (1.0, 0.75, 1.25)
-_FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
-_HEADER = re.compile(rf"[\w,]*{','.join(OUTPUTS)}\n".encode())
 
 
 @dataclass(frozen=True)
-class Export:
-    """Write a controller as one C99 file for a microcontroller.
+class Export(Given):
+    """Write a controller, or a model to predict with, as one C99 file for a microcontroller.
 
-    It has a state, a function that resets it, and one that takes a step. It allocates no memory and
-    needs only math.h. Beside it goes a CSV of test vectors, by which the file can check itself.
+    A controller (--c) has a state, a function that resets it, and one that takes a step. A model
+    (--model) has the robot's time step, its senses, and a function that predicts what a series of
+    commands leads to. Neither allocates memory, and both need only math.h. Beside each goes a CSV
+    of test vectors, by which the file can check itself.
     """
 
-    example: ClassVar[str] = "out/evolve/controller.json --c fish.c"
+    example: ClassVar[str] = "out/evolve/controller.json --c fish.c --model model.c"
 
-    controller: Annotated[Positional[Path], arg(metavar="FILE")]
+    controller: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
     """A controller.json, as evolve and baseline write it."""
-    c: Annotated[Path, arg(metavar="FILE.c")]
-    """The C file. Its name is the prefix of its functions: fish.c has fish_step."""
+    c: Annotated[Path | None, arg(metavar="FILE.c")] = None
+    """The controller's C file. Its name is the prefix of its functions: fish.c has fish_step."""
+    model: Annotated[Path | None, arg(metavar="FILE.c")] = None
+    """The model's C file, of the controller's body unless --morphology gives others."""
+    morphology: BodiesFile = None
+    reactive: bool = False
+    """Whether the model's water also resists acceleration; see docs/physics.md."""
 
     def execute(self) -> None:
-        """Write both files."""
-        for path in export_c(Controller.load(self.controller), self.c):
+        """Write the files."""
+        if self.c is None and self.model is None:
+            raise InvalidArgumentError("give --c FILE.c, --model FILE.c or both")
+        if self.c is not None and self.controller is None:
+            raise InvalidArgumentError("--c needs a controller.json before it; got none")
+        if self.model is None:
+            self.refuse_given(["morphology", "reactive"], "without --model")
+        elif self.c is not None and self.model.resolve() == self.c.resolve():
+            raise InvalidArgumentError(f"--c and --model must be two files; got {self.c} twice")
+        found = None if self.controller is None else Controller.load(self.controller)
+        written: list[Path] = []
+        if found is not None and self.c is not None:
+            written += export_c(found, self.c)
+        if self.model is not None:
+            bodies: MorphologiesLike = Morphology.nominal() if found is None else found.morphology
+            if self.morphology is not None:
+                bodies = read_bodies(self.morphology, "morphology")
+            written += export_model(bodies, self.model, self.reactive)
+        for path in written:
             print(f"wrote {path} ({path.stat().st_size} bytes)")
 
 
@@ -65,25 +89,10 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
         one is there, or if ``controller`` is no ``Controller``.
     """
     instance("controller", controller, Controller)
-    source = file_path("c", path)
-    if source.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", source.stem, re.ASCII):
-        raise InvalidArgumentError(
-            "c must be a file name FILE.c, where FILE is a letter and then letters, digits and _, "
-            f"because it begins the names of the functions; got {brief(source.name)}"
-        )
-    table = source.with_suffix(".csv")
-    for file, ours in ((source, _FIRST_LINE), (table, _HEADER)):
-        if file.exists() and not (file.is_file() and ours.match(file.read_bytes())):
-            raise InvalidArgumentError(
-                f"c must not overwrite a file that no export wrote; {file} exists"
-            )
-        output_file(file, "c")
+    source, table = c_files("c", path)
     text = c_source(controller, source.stem)
     rows = np.concatenate(make_vectors(controller, VECTOR_COUNT), axis=1)
-    lines = [",".join((*_columns(controller.senses), *OUTPUTS))]
-    lines += [",".join(map(str, row)) for row in rows]
-    write_bytes(table, ("\n".join(lines) + "\n").encode())
-    write_bytes(source, text.encode())
+    write_c_files(source, table, text, (*_columns(controller.senses), *OUTPUTS), rows)
     return source, table
 
 
@@ -116,9 +125,9 @@ def c_source(controller: Controller, name: str) -> str:
         "NODES": controller.nodes,
         "LAYERS": len(layers),
         "WIDEST": max(layers),
-        "LAYER_END": _wrapped(accumulate(layers)),
-        "FIRST": _wrapped(first),
-        "SOURCE": _wrapped(sources if len(sources) else [0]),
+        "LAYER_END": wrapped(accumulate(layers)),
+        "FIRST": wrapped(first),
+        "SOURCE": wrapped(sources if len(sources) else [0]),
         "WEIGHT": _floats(controller.weights[nodes, sources] if len(sources) else [0.0]),
         "BIAS": _floats(controller.bias),
         "RESPONSE": _floats(controller.response),
@@ -147,17 +156,7 @@ def c_source(controller: Controller, name: str) -> str:
         "waves": senses.clock > 0 or senses.fins,
         "tanh": hidden or not clipped,
     }
-    # In the template, a line "//? part" begins what only some controllers have, and "//." ends it.
-    lines = []
-    kept = True
-    template = files("gait.controllers").joinpath("controller.c").read_text(encoding="utf-8")
-    for line in template.splitlines():
-        if line.startswith("//"):
-            kept = line == "//." or parts[line.removeprefix("//? ")]
-        elif kept:
-            lines.append(line)
-    text = re.sub(r"\$([A-Z_]+)", lambda found: str(values[found[1]]), "\n".join(lines))
-    return re.sub(r"\bNAME(?=_|\b)|(?<=-D)NAME", name, text) + "\n"
+    return filled("controller.c", name, values, parts)
 
 
 def make_vectors(
@@ -201,12 +200,4 @@ def _float(number: float) -> str:
 
 
 def _floats(numbers: ArrayLike) -> str:
-    return _wrapped(map(_float, np.asarray(numbers).tolist()))
-
-
-def _wrapped(items: Any) -> str:
-    """Return items with commas, on lines of their own if they are many."""
-    joined = ", ".join(map(str, items))
-    if len(joined) < 60:
-        return joined
-    return "\n" + textwrap.fill(joined, 100, initial_indent=" " * 4, subsequent_indent=" " * 4)
+    return wrapped(map(_float, np.asarray(numbers).tolist()))

@@ -28,6 +28,7 @@ from gait import (
 )
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.export import export_c
+from gait.controllers.export_model import export_model
 from gait.controllers.network import Senses
 from gait.learning.train import LearningConfig, dense_network, train
 from gait.scores.evaluation import interquartile_mean
@@ -222,6 +223,12 @@ ROWS = [
         ControllerAgent, {"controller": CONTROLLER, "believed_gain": np.ones(3)}
     ),
     Call(export_c, {"controller": CONTROLLER, "path": "fish.c"}, words={"path": "c must"}),
+    Call(
+        export_model,
+        {"bodies": BODY, "path": "fish.c", "reactive": False},
+        options(bodies=NO_BODY, reactive="true"),
+        {"path": "model must"},
+    ),
     Call(
         genome_to_controller,
         {

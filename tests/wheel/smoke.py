@@ -33,7 +33,7 @@ def check_content() -> None:
     held = [str(file) for file in files("aquafish-gym") or [] if ".." not in file.parts]
     packages = {name.partition("/")[0] for name in held if not name.startswith("aquafish_gym-")}
     assert packages == PACKAGES, packages
-    data = ("gait/controllers/controller.c", "gait/search/neat.ini")
+    data = ("gait/controllers/controller.c", "gait/controllers/model.c", "gait/search/neat.ini")
     for name in (*(f"{package}/py.typed" for package in PACKAGES), *data):
         assert name in held, name
     assert not Path(str(aquafish_gym.__file__)).is_relative_to(Path.cwd()), "not the wheel's"
@@ -60,7 +60,8 @@ def main() -> None:
     run("gait", "evolve", "--morphology", "model/morphology.json", "--out", "gait", *SMALL_SEARCH)
     run("gait", "transfer", "--controller", "gait/controller.json",
         "--poses", "1", "--seconds", "0.2", "--target-damage", "caudal:missing")  # fmt: skip
-    run("gait", "export", "gait/controller.json", "--c", "fish.c")
+    run("gait", "export", "gait/controller.json", "--c", "fish.c",
+        "--model", "model.c")  # fmt: skip
     result = json.loads(Path("model/result.json").read_text(encoding="utf-8"))
     assert len(result["rounds"]) == 1
     env = gym.make("AquaFish-v0", render_mode="rgb_array")

@@ -1,0 +1,154 @@
+"""A robot's model as one C99 file for a microcontroller, with test vectors.
+
+``model.c`` holds the functions of ``aquafish_gym.code_generation`` and a prediction. The test
+vectors are what float64 lanes swim, and both agree to the bit.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.bodies import MorphologiesLike, body_array
+from aquafish_gym.code_generation import (
+    CHANNELS_WITH_GOAL,
+    robot_rows,
+    sense,
+    source,
+    start,
+    step,
+    step_reactive,
+    traced,
+)
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
+from aquafish_gym.physics.printing import C99
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import flag
+from gait.controllers.c_files import c_files, filled, wrapped, write_c_files
+from gait.controllers.network import OUTPUTS, Senses
+
+# Of the test vectors: a swim in which every number counts.
+VECTOR_COUNT = 1000
+VECTOR_INTERVAL = 5  # steps of 0.01 s
+VECTOR_FIN_ANGLES = (0.5, -1.0, 2.0)  # rad
+VECTOR_CURRENT = (0.05, -0.1, 0.02)  # units/s
+VECTOR_SERVO_GAIN = (1.0, 0.75, 1.25)
+VECTOR_DRAG = (0.9, 1.1)
+VECTOR_DENSITY = 1.5
+VECTOR_GOAL = (20.0, 30.0, -10.0)  # units
+
+# What the operations of a step are, for the head of the file.
+_WORDS = {
+    "fma": "fused multiply-adds",
+    "multiply": "products",
+    "add": "sums",
+    "negate": "negations",
+    "subtract": "differences",
+    "square_root": "square roots",
+    "divide": "divisions",
+    "abs": "absolute values",
+    "where_less": "choices",
+}
+
+
+def export_model(
+    bodies: MorphologiesLike, path: Path | str, reactive: bool = False
+) -> tuple[Path, Path]:
+    """Write a model as a C file, and test vectors beside it; return both paths.
+
+    Parameters
+    ----------
+    bodies
+        One body or several, such as a posterior sample, all of which the file holds. The vectors
+        are the first one's.
+    path
+        The C file. Its name is the prefix of its functions.
+    reactive
+        Whether the water also resists acceleration.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file's name is no identifier of C followed by .c, if another file than an exported
+        one is there, or if one is not a body.
+    """
+    rows = body_array(bodies, "bodies")
+    flag("reactive", reactive)
+    file, table = c_files("model", path)
+    text = model_source(rows, file.stem, reactive)
+    commands, seen = model_vectors(rows[0], VECTOR_COUNT, reactive)
+    vectors = np.concatenate([commands, seen], axis=1).tolist()
+    columns = (*OUTPUTS, *Senses(clock=0, goal=True).names)
+    write_c_files(file, table, text, columns, vectors)
+    return file, table
+
+
+def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> str:
+    """Return the model of bodies (M, 9) as a C file; ``name`` begins its functions' names."""
+    swim = step_reactive if reactive else step
+    operations = traced(swim).operations
+    numbers = len(traced(swim).lines)
+    counts = [f"{count} {_WORDS[operation]}" for operation, count in operations.most_common()]
+    functions = source(C99, robot_rows, start, swim, sense, prefix="NAME_")
+    values = {
+        "BODIES": "a body" if len(bodies) == 1 else f"{len(bodies)} bodies, a sample",
+        "LAW": ", with the added mass of the water" if reactive else "",
+        "OPERATIONS": operations.total(),
+        "COUNTS": "\n * ".join(textwrap.wrap(", ".join(counts), 95)),
+        "NUMBERS": numbers,
+        "STACK": f"{8 * numbers / 1024:.0f}",
+        "STATE_BYTES": 8 * STATE_NUMBERS,
+        "ROBOT_BYTES": 8 * ROBOT_ROWS,
+        "STATE_NUMBERS": STATE_NUMBERS,
+        "ROBOT_NUMBERS": ROBOT_ROWS,
+        "CHANNELS": CHANNELS_WITH_GOAL,
+        "BODY_COUNT": len(bodies),
+        "SIZES": "\n" + ",\n".join(f"    {{{wrapped(row)}}}" for row in bodies.tolist()) + "\n",
+        "FUNCTIONS": functions.replace("NAME_step_reactive", "NAME_step"),
+        "DENSITY": VECTOR_DENSITY,
+        "DRAG": wrapped(VECTOR_DRAG),
+        "FIN_ANGLES": wrapped(VECTOR_FIN_ANGLES),
+        "SERVO_GAIN": wrapped(VECTOR_SERVO_GAIN),
+        "CURRENT": wrapped(VECTOR_CURRENT),
+        "GOAL": wrapped(VECTOR_GOAL),
+        "INTERVAL": VECTOR_INTERVAL,
+    }
+    return filled("model.c", name, values, {})
+
+
+def model_vectors(
+    body: NDArray[np.float64], count: int, reactive: bool = False, seed: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return random commands (K, 3) and what float64 lanes sense after each, (K, 12)."""
+    commands = np.random.default_rng(seed).uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3))
+    scenario = Scenario.create(
+        Morphology.from_array(body),
+        current=VECTOR_CURRENT,
+        drag=VECTOR_DRAG,
+        fin_density=VECTOR_DENSITY,
+        servo_gain=VECTOR_SERVO_GAIN,
+        reactive=reactive,
+    )
+    lanes = LaneBatch(scenario, np.float64)
+    begin = [0.0] * STATE_NUMBERS
+    start(list(VECTOR_FIN_ANGLES), begin)
+    lanes.states[:STATE_NUMBERS, 0] = begin
+    log = lanes.log(commands[None], count * VECTOR_INTERVAL, "pose", VECTOR_INTERVAL)
+    states = np.zeros((count, STATE_NUMBERS))
+    for field, samples in (
+        ("orientation", log.quaternion),
+        ("position", log.position),
+        ("spin", log.gyro),
+    ):
+        assert samples is not None  # recorded with the pose
+        states[:, FIELDS[field]] = samples[0, VECTOR_INTERVAL - 1 :: VECTOR_INTERVAL]
+    seen = [[0.0] * CHANNELS_WITH_GOAL for _ in range(count)]
+    for state, row in zip(states.tolist(), seen, strict=True):
+        sense(state, list(VECTOR_GOAL), row)
+    return commands, np.array(seen)
