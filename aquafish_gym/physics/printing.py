@@ -11,7 +11,7 @@ itself. JavaScript has no fused multiply-add and rounds twice there.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from inspect import signature
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ JAVASCRIPT = Language(
     "{}",
     "const",
     {
+        "entry": "{}[{}]",
         "add": "{} + {}",
         "subtract": "{} - {}",
         "multiply": "{} * {}",
@@ -71,10 +72,10 @@ class Traced:
     sizes
         The length of each array, by the name of the parameter.
     lines
-        What is computed, in order: an operation or an array's name, and its operands. A string
-        among these is a number that is known by then, as the line of that number names it.
+        What is computed, in order, by the name of the number: an operation, and its operands, which
+        are floats and names. Or "entry", an array's name and an index.
     results
-        What is written: an array's name, the index, and a number or the name of one.
+        What is written: an array's name, the index, and a float or a name.
     """
 
     sizes: dict[str, int]
@@ -84,7 +85,7 @@ class Traced:
     @property
     def operations(self) -> Counter[str]:
         """How many of each operation are computed."""
-        return Counter(name for name, *_ in self.lines.values() if name not in self.sizes)
+        return Counter(name for name, *_ in self.lines.values() if name != "entry")
 
 
 def trace(function: Callable[..., None], **sizes: int) -> Traced:
@@ -100,34 +101,39 @@ def trace(function: Callable[..., None], **sizes: int) -> Traced:
     parameters = list(signature(function).parameters)
     if parameters != list(sizes):
         raise TypeError(f"sizes must be those of {parameters}, in this order; got {list(sizes)}")
-    before = {name: [Symbol(name, i) for i in range(size)] for name, size in sizes.items()}
+    before = {name: [Symbol("entry", name, i) for i in range(size)] for name, size in sizes.items()}
     after = {name: list(entries) for name, entries in before.items()}
     function(**after)
-    lines: dict[str, tuple[Any, ...]] = {}
-    names: dict[tuple[Any, ...], str] = {}
-    known: dict[Symbol, str] = {}
-
-    def name_of(number: Symbol | float) -> str | float:
-        if not isinstance(number, Symbol):
-            return float(number)
-        if number not in known:
-            entry = number.operation in sizes
-            operands = number.operands if entry else map(name_of, number.operands)
-            line = (number.operation, *operands)
-            key = tuple(map(repr, line))  # which tells 0.0 from -0.0
-            if key not in names:
-                names[key] = "{}{}".format(*line) if entry else f"t{len(lines)}"
-                lines[names[key]] = line
-            known[number] = names[key]
-        return known[number]
-
-    results = [
-        (name, i, name_of(entry))
+    written = [
+        (name, i, entry if isinstance(entry, Symbol) else float(entry))
         for name, entries in after.items()
         for i, entry in enumerate(entries)
         if entry is not before[name][i]
     ]
-    return Traced(sizes, lines, results)
+    lines: dict[str, tuple[Any, ...]] = {}
+    names: dict[str, str] = {}  # of the number that a line computes
+    known: dict[Any, Any] = {}
+    for symbol in _needed(entry for _, _, entry in written):
+        line = (symbol.operation, *(known.get(x, x) for x in symbol.operands))
+        text = repr(line)  # which tells 0.0 from -0.0
+        if text not in names:
+            name = "{}_{}".format(*line[1:]) if line[0] == "entry" else f"t{len(lines)}"
+            names[text] = name
+            lines[name] = line
+        known[symbol] = names[text]
+    return Traced(sizes, lines, [(name, i, known.get(x, x)) for name, i, x in written])
+
+
+def _needed(results: Iterable[Symbol | float]) -> list[Symbol]:
+    """Return the symbols that results need, in the order in which they were computed."""
+    found: set[Symbol] = set()
+    todo = list(results)
+    while todo:
+        symbol = todo.pop()
+        if isinstance(symbol, Symbol) and symbol not in found:
+            found.add(symbol)
+            todo += symbol.operands
+    return sorted(found, key=lambda symbol: symbol.serial)
 
 
 def printed(name: str, traced: Traced, language: Language) -> str:
@@ -139,16 +145,13 @@ def printed(name: str, traced: Traced, language: Language) -> str:
     ]
     source = [language.head.format(name, ", ".join(parameters))]
     for number, (operation, *operands) in traced.lines.items():
-        if operation in traced.sizes:
-            value = f"{operation}[{operands[0]}]"
-        else:
-            value = language.operations[operation].format(*map(_operand, operands))
+        value = language.operations[operation].format(*map(_operand, operands))
         source.append(f"    {language.number} {number} = {value};")
     source += [f"    {array}[{i}] = {_operand(x)};" for array, i, x in traced.results]
     return "\n".join([*source, "}"]) + "\n"
 
 
 def _operand(x: str | float) -> str:
-    """Return a number's name, or its shortest decimal that is read as the same double."""
-    text = str(x)
+    """Return a name, or the shortest decimal that is read as the same number."""
+    text = x if isinstance(x, str) else repr(x)
     return f"({text})" if text.startswith("-") else text

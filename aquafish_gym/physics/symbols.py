@@ -8,27 +8,36 @@ as plain Python does.
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
+
+_serial_numbers = count()
 
 
 class Symbol:
-    """The result of an ``operation``, or an entry of an array: ``("state", 3)``.
+    """The result of an operation, or an entry of an array.
 
     Parameters
     ----------
     operation
-        The operation's name, a key of ``printing.JAVASCRIPT.operations``, or the array's.
+        The operation's name, a key of ``printing.JAVASCRIPT.operations``, or "entry".
     operands
-        Symbols and floats; of an entry, its index.
+        Symbols and floats; of an entry, the array's name and the index.
+
+    Attributes
+    ----------
+    serial
+        A number that grows from symbol to symbol: that of an operand is smaller.
     """
 
-    __slots__ = ("operands", "operation")
+    __slots__ = ("operands", "operation", "serial")
 
     __array_ufunc__ = None  # numpy's numbers leave operations with symbols to this class
 
     def __init__(self, operation: str, *operands: Any) -> None:
         self.operation = operation
         self.operands = operands
+        self.serial = next(_serial_numbers)
 
     def __bool__(self) -> bool:
         raise TypeError("a symbol is neither true nor false: choose by where_less, not by a branch")

@@ -35,7 +35,7 @@ import numpy as np
 
 def misses(_):
     aquafish_gym.simulate(None, (0.1, 0.1, 0.5), steps=4)
-    kernel = compile_kernel(hold, lane_width(np.float32), False, None)
+    kernel = compile_kernel(hold, lane_width(np.float32), False, None, False)
     return sum(kernel.stats.cache_misses.values())
 
 if __name__ == "__main__":

@@ -85,7 +85,8 @@ def in_c(name: str, folder: Path) -> Caller:
     code.write_text("#include <math.h>\n" + robot.source(C99, NAMES[name], prefix="fish_") + loop)
     warnings = ("-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
     flags = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-shared")
-    subprocess.run([CC, *warnings, *flags, code, "-lm", "-o", library], check=True)
+    if not library.exists():
+        subprocess.run([CC, *warnings, *flags, code, "-lm", "-o", library], check=True)
 
     def call(arrays: dict[str, Array], times: int) -> None:
         pointers = [table.ctypes.data for table in arrays.values()]
@@ -119,6 +120,12 @@ def in_javascript(name: str, folder: Path) -> Caller:
 LANGUAGES = {"c": in_c, "javascript": in_javascript}
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder that keeps what is compiled."""
+    return tmp_path_factory.mktemp("printed")
+
+
 def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
     """Return the arrays of a function for random robots in any motion."""
     rng = np.random.default_rng(0)
@@ -148,11 +155,11 @@ def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_call_is_plain_pythons(name: str, language: str, tmp_path: Path) -> None:
+def test_a_call_is_plain_pythons(name: str, language: str, folder: Path) -> None:
     """For a thousand random bodies, states and commands."""
     arrays, expected = random_arrays(name), random_arrays(name)
-    in_python(name, tmp_path)(expected, 1)
-    LANGUAGES[language](name, tmp_path)(arrays, 1)
+    in_python(name, folder)(expected, 1)
+    LANGUAGES[language](name, folder)(arrays, 1)
     for key, table in arrays.items():
         if language == "c":
             np.testing.assert_array_equal(table, expected[key])
@@ -162,7 +169,7 @@ def test_a_call_is_plain_pythons(name: str, language: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize(("name", "count"), [("step", 1000), ("step_reactive", 100)])
-def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, tmp_path: Path) -> None:
+def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, folder: Path) -> None:
     """Of random robots. Float64 lanes are plain Python to the bit, as ``tests/engines`` shows."""
     arrays, rows = random_arrays(name, count), random_arrays("robot_rows", count)
     angles = random_arrays("start", count)["fin_angles"]
@@ -173,7 +180,7 @@ def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, tmp_
     )  # fmt: skip
     lanes = LaneBatch(scenario, np.float64)
     lanes.advance(arrays["command"], 2000)
-    LANGUAGES[language](name, tmp_path)(arrays, 2000)
+    LANGUAGES[language](name, folder)(arrays, 2000)
     expected = lanes.states[:STATE_NUMBERS].T
     if language == "c":
         np.testing.assert_array_equal(arrays["state"], expected)
@@ -211,25 +218,25 @@ def test_every_primitive_is_printed() -> None:
     traced = trace(function, a=2, b=3)
     assert printed("f", traced, C99) == (
         "void f(const double a[2], double b[3])\n{\n"
-        "    const double a0 = a[0];\n"
-        "    const double t1 = fma(2.0, a0, 1.5);\n"
-        "    const double a1 = a[1];\n"
-        "    const double t3 = floor(a1);\n"
-        "    const double t4 = t1 < t1 ? t3 : (-1.0);\n"
-        "    const double t5 = -a0;\n"
+        "    const double a_0 = a[0];\n"
+        "    const double a_1 = a[1];\n"
+        "    const double t2 = fma(2.0, a_0, 1.5);\n"
+        "    const double t3 = floor(a_1);\n"
+        "    const double t4 = t2 < t2 ? t3 : (-1.0);\n"
+        "    const double t5 = -a_0;\n"
         "    const double t6 = fabs(t5);\n"
         "    const double t7 = sqrt(t6);\n"
-        "    const double t8 = 0.0 + a0;\n"
-        "    const double t9 = (-0.0) + a0;\n"
+        "    const double t8 = 0.0 + a_0;\n"
+        "    const double t9 = (-0.0) + a_0;\n"
         "    const double t10 = t8 - t9;\n"
-        "    const double t11 = 1.0 / a1;\n"
+        "    const double t11 = 1.0 / a_1;\n"
         "    const double t12 = t10 + t11;\n"
         "    b[0] = t4;\n"
         "    b[1] = t7;\n"
         "    b[2] = t12;\n"
         "}\n"
     )
-    assert "const t1 = 2.0 * a0 + 1.5;\n" in printed("f", traced, JAVASCRIPT)
+    assert "const t2 = 2.0 * a_0 + 1.5;\n" in printed("f", traced, JAVASCRIPT)
     assert traced.operations.total() == 11
 
 
@@ -240,8 +247,8 @@ def test_what_is_read_may_be_written() -> None:
         a[0], a[1] = a[1], a[0]
 
     assert printed("swap", trace(swap, a=2), JAVASCRIPT) == (
-        "function swap(a) {\n    const a1 = a[1];\n    const a0 = a[0];\n"
-        "    a[0] = a1;\n    a[1] = a0;\n}\n"
+        "function swap(a) {\n    const a_0 = a[0];\n    const a_1 = a[1];\n"
+        "    a[0] = a_1;\n    a[1] = a_0;\n}\n"
     )
 
 
