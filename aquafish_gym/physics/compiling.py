@@ -185,15 +185,24 @@ def _module_stamp(module: str) -> str:
 
 @functools.cache
 def _imported(source: bytes) -> frozenset[str]:
-    """Return the names that a source imports; some may not be modules."""
-    names: set[str] = set()
+    """Return the names that a source imports when it is imported; some may not be modules.
+
+    Imports within functions and for type checkers are left out: compiled code freezes nothing of
+    theirs, and whether they are loaded depends on what a process did before.
+    """
     try:
-        tree = ast.parse(source)
+        todo: list[ast.AST] = [ast.parse(source)]
     except (SyntaxError, ValueError):  # bytecode without its source
         return frozenset(sys.modules)
-    for node in ast.walk(tree):
+    names: set[str] = set()
+    while todo:
+        node = todo.pop()
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            todo += node.orelse
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            todo += ast.iter_child_nodes(node)
     return frozenset(names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pathlib
 import subprocess
@@ -74,6 +75,20 @@ def test_the_cache_is_tied_to_all_that_a_policy_imports(
     monkeypatch.setattr(frozen, "__file__", str(changed))
     assert compiling.source_stamp(compile_kernel, respond) != stamps[0]
     assert compiling.source_stamp() == stamps[1], "the physics itself imports neither"
+
+
+def test_a_kernel_stays_valid_when_functions_import_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a kernel is compiled again after a film, or beside PyBullet."""
+    from aquafish_gym.engines.compiled.kernel import compile_kernel
+
+    stamp = compiling.source_stamp(compile_kernel)
+    lazy = ["aquafish_gym.rendering.caster", "aquafish_gym.engines.compiled.lanes"]
+    for module in lazy:
+        importlib.import_module(module)
+    assert compiling.source_stamp(compile_kernel) == stamp
+    for module in lazy:
+        monkeypatch.delitem(sys.modules, module)
+        assert compiling.source_stamp(compile_kernel) == stamp
 
 
 SCRIPT = """
