@@ -76,9 +76,8 @@ class Varied:
         return np.asarray(actions)
 
 
-def varied(vector: Floats) -> Controller:
-    """Return the gait of :class:`Varied` with additions (D,)."""
-    gait = load_library()[0]
+def varied(gait: Controller, vector: Floats) -> Controller:
+    """Return the gait of :class:`Varied`, which is ``PPO, fins``, with additions (D,)."""
     weights = gait.weights.copy()
     bias = gait.bias.copy()
     outputs = len(vector) // 3 - 1

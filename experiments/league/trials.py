@@ -258,8 +258,9 @@ def load_archive(path: Path) -> tuple[tuple[Controller, ...], Floats, Floats, Of
     """
     data = read_document(path, SCHEMA, "archive")
     first = data["first"]
+    gait = load_library()[0]
     return (
-        (load_library()[0], *(varied(np.array(x)) for x in data["vectors"])),
+        (gait, *(varied(gait, np.array(x)) for x in data["vectors"])),
         np.array([first["pace"], *data["paces"]]),
         np.array([first["descriptor"], *data["descriptors"]]),
         Offline(**data["offline"]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from aquafish.online.gaits import load_library
 from aquafish_gym import Morphology
-from experiments.league import archive, policies
+from experiments.league import policies
 from experiments.league.archive import SIZE, Archive, Varied, varied
 from experiments.league.entrants import ENTRANTS, MADE, Entry
 from experiments.league.episodes import Episode, play
@@ -72,12 +71,13 @@ def test_gaits_of_the_archive_act_alike_one_by_one_and_together() -> None:
     angles, seen = rng.uniform(-3, 3, (2, 3)), rng.uniform(-1, 1, (3, 2, 9))
     together = Varied(vectors)
     together.reset({"fin_angles": angles})
-    alone = [varied(x).policy(a) for x, a in zip(vectors, angles, strict=True)]
+    first = load_library()[0]
+    alone = [varied(first, x).policy(a) for x, a in zip(vectors, angles, strict=True)]
     for t, observations in enumerate(seen):
         actions = together.act(observations)
         for policy, one, action in zip(alone, observations, actions, strict=True):
             assert policy(one, 0.2 * t) == pytest.approx(action, abs=1e-6)
-    assert (varied(vectors[0]).weights == load_library()[0].weights).all()
+    assert (varied(first, vectors[0]).weights == first.weights).all()
 
 
 def test_an_archive_keeps_the_best_of_each_cell() -> None:
@@ -115,8 +115,7 @@ def test_direct_search_keeps_the_better_of_two_gaits() -> None:
     assert (agent.best()[0].bias == better.bias).all()
 
 
-def test_the_archive_holds_gaits_of_many_descriptors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, "load_library", cache(load_library))  # each gait reads it
+def test_the_archive_holds_gaits_of_many_descriptors() -> None:
     gaits, paces, descriptors, offline = load_archive(MADE / "archive.json")
     assert len(gaits) == len(paces) == len(descriptors) > 300
     assert paces.max() > 0.5
