@@ -118,11 +118,16 @@ class LogWindows:
         seen = np.empty((len(signal), self.time.shape[1], signal.shape[2]), signal.dtype)
         for window in np.unique(windows):
             rows = np.flatnonzero(windows == window)
-            first, weights = cubic_weights(self.time[window] / TIMESTEP - 1.0, signal.shape[1])
+            first, weights = self._cubics[window]
             weights = weights.astype(signal.dtype)[:, :, None]
             one = signal[rows]
             seen[rows] = sum(weights[:, k] * one[:, first + k] for k in range(CUBIC_POINTS))
         return seen
+
+    @cached_property
+    def _cubics(self) -> list[tuple[NDArray[np.intp], Floats]]:
+        """The first samples and weights that interpolate each window's signals of ``steps``."""
+        return [cubic_weights(time / TIMESTEP - 1.0, self.steps) for time in self.time]
 
 
 def log_windows(
