@@ -277,11 +277,13 @@ CMA = ("evolve", "--search", "cma", "--seed", "1", "--restarts", "2", "--random-
        "--generations", "3", "--poses", "2")  # fmt: skip
 NEAT = ("evolve", "--search", "neat", "--seed", "1", "--restarts", "2", "--generations", "2",
         "--cma-generations", "2", "--population", "10", "--poses", "2")  # fmt: skip
-RECOVER = ("recover", "--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6",
-           "--angle-sets", "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
-           "--search-generations", "3", "--search-restarts", "1", "--random-candidates", "10",
-           "--search-population", "10", "--direct-generations", "2", "--poses", "2", "--seconds",
-           "2", "--target-engine", "numba", "--no-film", "--workers", "1")  # fmt: skip
+SMALL_STUDY = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6",
+               "--angle-sets", "6", "--generations", "3", "--population", "12",
+               "--gait-poses", "1", "--search-generations", "3", "--search-restarts", "1",
+               "--random-candidates", "10", "--search-population", "10",
+               "--direct-generations", "2", "--poses", "2", "--seconds", "2",
+               "--target-engine", "numba", "--no-film")  # fmt: skip
+RECOVER = ("recover", *SMALL_STUDY, "--workers", "1")
 RESULT = document("result.json", "morphology", "truth", "rounds", "stopped")
 CONTROLLER = document("controller.json")
 
@@ -366,8 +368,10 @@ def result(name: str) -> str:
         return text_of(read(out))
 
 
-def digest(name: str) -> str:
-    return hashlib.sha256(result(name).encode()).hexdigest()[:16]
+def digest(name: str, out: Path | None = None) -> str:
+    """Return the hash of a case, or of a command's case whose folder is there already."""
+    text = result(name) if out is None else text_of(COMMANDS[name][1](out))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def kept() -> dict[str, str]:

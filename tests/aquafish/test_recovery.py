@@ -32,18 +32,12 @@ from aquafish_gym.rendering import film
 from aquafish_gym.runs.command_line import read_morphology
 from gait.controllers.controller import Controller
 from tests.browser import browser
+from tests.golden import RECOVER, digest, kept
+from tests.golden import SMALL_STUDY as SMALL
 from tests.in_process import jobs_in_process
 
 PICTURES = ["bodies", "sizes", "paths", "fitness", "distances"]
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
-SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
-         "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
-         "--search-generations", "3", "--search-restarts", "1", "--random-candidates",
-         "10",
-         "--search-population", "10", "--direct-generations", "2", "--poses", "2",
-         "--seconds", "2", "--target-engine", "numba", "--no-film")  # fmt: skip
-
-
 FAST_TREATMENTS = ("undamaged", "none", "joint", "oracle-neat", "oracle", "oracle-fins")
 
 
@@ -121,6 +115,13 @@ def test_the_command_ends_with_the_path_of_one_small_page(study: Path, again: Pa
     assert done.stdout.splitlines()[-1] == str(page)
     assert page.stat().st_size < 1_000_000
     assert page.read_bytes() == (study / "report.html").read_bytes()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_fewer_replicates_give_the_report_of_these(again: Path) -> None:
+    """And that of the golden case, which was computed without the other replicate."""
+    assert main([*RECOVER, "--out", str(again)]) == 0
+    assert digest("recover", again) == kept()["recover"]
 
 
 @pytest.mark.usefixtures("undrawn")
