@@ -10,7 +10,7 @@ import pytest
 from aquafish_gym import simulate
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea import RecordedLog, SwimLog, infer_log, read_log, write_log
+from eea import RecordedLog, SwimLog, read_log, write_log
 from eea.fish.swim_log import LOG_COLUMNS
 from eea.fish.windows import cubic_weights, log_windows
 
@@ -97,20 +97,6 @@ def test_a_mistake_is_named_by_file_row_and_column(name, tmp_path):
     np.savetxt(path, table, delimiter=",", header=f"{HEADING},trial", comments="")
     with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*{message}"):
         read_log(path)
-
-
-@pytest.mark.parametrize(
-    ("make", "argument"),
-    [
-        (lambda: SwimLog(-np.inf, LOG.gyro, LOG.commands), "time"),
-        (lambda: SwimLog(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))), "time"),
-        (lambda: infer_log("x"), "log"),
-        (lambda: infer_log(LOG, moving="yes"), "moving"),
-    ],
-)
-def test_arguments_of_another_type_are_named(make, argument):
-    with pytest.raises(InvalidArgumentError, match=f"^{argument} must"):
-        make()
 
 
 ROW = "0,0,0,0,0,0,0\n"

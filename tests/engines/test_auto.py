@@ -8,7 +8,6 @@ import sys
 import pytest
 
 from aquafish_gym.engines.api import check_engine, resolve_engine
-from aquafish_gym.utils.validation import UnknownNameError
 
 # As if PyBullet were not installed.
 WITHOUT = "import sys; sys.modules['pybullet'] = None\n"
@@ -33,8 +32,3 @@ def test_without_pybullet_the_compiled_one_is_taken() -> None:
     )
     done = run(WITHOUT + code)
     assert done.stdout == "numba numba\n"
-
-
-def test_an_unknown_engine_gets_the_nearest_name() -> None:
-    with pytest.raises(UnknownNameError, match=r"target_engine must be one of auto, .*'pybullet'"):
-        resolve_engine("target_engine", "bullet")

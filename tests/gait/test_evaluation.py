@@ -76,8 +76,3 @@ def test_the_interval_of_the_interquartile_mean_covers_it() -> None:
     assert low < middle < high
     assert middle == pytest.approx(3.0, abs=0.2)
     assert interquartile_mean([[5.0] * 4]) == (5.0, 5.0, 5.0)
-
-
-def test_what_cannot_act_is_refused() -> None:
-    with pytest.raises(InvalidArgumentError, match="agent must be a function"):
-        evaluate("PPO", episodes=1)  # type: ignore[arg-type]

@@ -153,18 +153,6 @@ def test_an_agent_of_one_robot_swims_in_every_episode() -> None:
     assert swim(SelfModelAgent(), None, engine="numba", seconds=1.0).distance > 0
 
 
-@pytest.mark.parametrize("given", ["PPO", None, 3, object(), {"act": ACTION}])
-def test_what_is_none_of_these_is_refused(given: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"agent must be a function of observations"):
-        evaluate(given, episodes=1)
-    with pytest.raises(
-        InvalidArgumentError, match=r"controller must be a function of observations"
-    ):
-        swim(given, None, engine="numba", seconds=1.0)
-    with pytest.raises(InvalidArgumentError, match=r"controllers\[0\] must be of type Controller"):
-        swim_all([given], None)
-
-
 class Model:
     """A model of stable-baselines3 that observes so many numbers."""
 

@@ -161,12 +161,6 @@ def test_width_batch_and_threads_change_nothing(trials, options: dict[str, int])
     assert_array_equal(one.states[:, 0], rows[0][:, 5])
 
 
-@pytest.mark.parametrize("bad", ["yes", 1, None])
-def test_what_is_neither_true_nor_false_is_refused_by_name(bad: object) -> None:
-    with pytest.raises(ValueError, match=r"reactive must be .*True or False"):
-        simulate(None, ZERO, steps=1, reactive=bad)  # type: ignore[arg-type]
-
-
 # --- the scheme -----------------------------------------------------------------------------
 
 
