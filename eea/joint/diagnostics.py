@@ -25,8 +25,8 @@ LEAST_REPORTED_WEIGHT = 0.05  # less probable sets of sizes are not reported
 BEYOND_RANGE_SDS = 4.0  # standard deviations from the bound to a best fit outside the range
 BOUND_DISTANCE = 1e-6  # share of a range
 MODE_DRAWS = 512  # draws of a mode that locate its sizes
-UNCONSTRAINED = "the data do not constrain the robot: no size is determined"
-UNCONSTRAINED_REST = "the data do not constrain the rest of the robot: no other size is determined"
+UNCONSTRAINED = "the data do not constrain the body: no size is determined"
+UNCONSTRAINED_REST = "the data do not constrain the rest of the body: no other size is determined"
 
 
 class _Size(NamedTuple):
@@ -193,4 +193,4 @@ def _several(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
         values = [(sizes[k], float(sizes[k].value(middle[k]))) for k in differ]
         told = " and ".join(f"{size.name} {size.stated(value)}" for size, value in values)
         described.append(f"{weight:.0%} {told}")
-    return [f"{len(robots)} robots explain it: " + ", or ".join(described)]
+    return [f"{len(robots)} bodies explain it: " + ", or ".join(described)]

@@ -217,6 +217,11 @@ class RobotModel:
         units = set(self.channels.values())
         return units.pop() if len(units) == 1 else ""
 
+    @property
+    def noun(self) -> str:
+        """What findings call that which is sought: a body, if it has parts with sizes."""
+        return "body" if self.parts else "robot"
+
     def with_unit(self, name: str, value: float, digits: int = 3) -> str:
         """Return a value of a parameter or nuisance with its unit, where it has one."""
         return f"{value:.{digits}g} {self.units.get(name, '')}".strip()

@@ -70,7 +70,9 @@ class Optima:
             theta = self.fits.theta[0]
             away = 2.0 * float(parameters.prior_cost(theta))
             misfit = float(self.fits.squares[0]) / observed.size
-            return against_known_good(misfit, regression.usual, away, parameters.informed)
+            return against_known_good(
+                misfit, regression.usual, away, parameters.informed, robot.noun
+            )
         found = goodness_of_fit(
             self.residuals,
             parameters.unknowns,
@@ -80,6 +82,7 @@ class Optima:
             "times the noise" if observed.noise is not None else robot.unit,
             robot.loudest,
             observed.missing,
+            robot.noun,
         )
         return replace(found, unexplained=found.rms / regression.rms)
 

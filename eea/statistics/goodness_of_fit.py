@@ -59,6 +59,7 @@ def goodness_of_fit(
     unit: str = "times the noise",
     loudest: float = math.inf,
     missing: int = 0,
+    what: str = "robot",
 ) -> Goodness:
     """Test the residuals (T, axes) of each trial for being white noise.
 
@@ -89,6 +90,8 @@ def goodness_of_fit(
         White residuals above it are no noise unless ``sigma`` says so.
     missing
         How many samples are missing.
+    what
+        What the verdict calls that which explains the log, or does not.
 
     Raises
     ------
@@ -132,18 +135,20 @@ def goodness_of_fit(
     loud = sigma is None and rms > loudest
     if p >= FALSE_ALARM_RATE and loud:
         words = (
-            f"no robot explains the log: {words}, more than a sensor's noise (if it is noise, "
+            f"no {what} explains the log: {words}, more than a sensor's noise (if it is noise, "
             "its standard deviation must be given)"
         )
     elif p >= FALSE_ALARM_RATE:
         words += f", as noise would ({how_sure})"
     else:
-        words = f"no robot explains the log: {words}, which is {worst} ({how_sure})"
+        words = f"no {what} explains the log: {words}, which is {worst} ({how_sure})"
     good = p >= FALSE_ALARM_RATE and not loud
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 
-def against_known_good(misfit: float, usual: Floats, away: float, freedom: int) -> Goodness:
+def against_known_good(
+    misfit: float, usual: Floats, away: float, freedom: int, what: str = "robot"
+) -> Goodness:
     """Return the goodness of a fit, judged by those of logs that are known to be good.
 
     Parameters
@@ -157,6 +162,8 @@ def against_known_good(misfit: float, usual: Floats, away: float, freedom: int) 
         The squared distance of the fitted numbers from those of known-good logs, in their spread.
     freedom
         How many these numbers are.
+    what
+        What the verdict calls that which explains the log, or does not.
     """
     size_p = student_p(misfit, usual)
     far_p = float(chdtrc(freedom, away)) if freedom else 1.0
@@ -172,7 +179,7 @@ def against_known_good(misfit: float, usual: Floats, away: float, freedom: int) 
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     words += f" ({how_sure})"
     if not good:
-        words = f"no robot explains the log: {words}"
+        words = f"no {what} explains the log: {words}"
     return Goodness(rms, size_p, 1.0, 1.0, p, good, words)
 
 

@@ -120,7 +120,7 @@ def test_infer_says_first_that_no_body_fits_and_last_why(tmp_path, capsys):
     assert main(words) == 0
     streams = capsys.readouterr()
     said = streams.out.splitlines()
-    assert said[0].startswith("no robot explains the log")
+    assert said[0].startswith("no body explains the log")
     assert "there are no intervals" in said[1]
     assert said[2].split() == ["in", "units", "of", "5", "cm", "found"]
     assert all(len(line.split()) == 2 for line in said[3:12])

@@ -58,7 +58,7 @@ def test_of_data_that_tell_nothing_one_sentence_says_so():
     precision = KNOWN.copy()
     precision[:5] = 0.0
     said = said_of(known(mode(MIDDLE, np.diag(precision), 0.0)))
-    assert said == ["the data do not constrain the robot: no size is determined"]
+    assert said == ["the data do not constrain the body: no size is determined"]
 
 
 @pytest.mark.parametrize(("pull", "theta", "beyond"), [(6, 1, 1), (3, 1, 0), (-6, 0, 0)])
@@ -103,7 +103,7 @@ def test_several_bodies_are_told_with_their_weights_where_they_differ():
     found = known(mode(MIDDLE, np.diag(KNOWN), 0.0), mode(other, np.diag(KNOWN), odds))
     said = said_of(found)
     assert said[:1] == [
-        "2 robots explain it: 70% the tail's length 1, or 30% the tail's length 1.6"
+        "2 bodies explain it: 70% the tail's length 1, or 30% the tail's length 1.6"
     ]
 
 
@@ -116,7 +116,7 @@ def test_modes_of_other_angles_and_nuisances_are_one_body():
     other[3] += 0.015  # a sd and a half: the shapes of the two lengths overlap
     assert said_of(known(modes[0], mode(other, np.diag(KNOWN), 0.0))) == []
     gain = {"servos": Part({"gain": "gain"})}
-    assert said_of(known(*modes), gain)[0].startswith("2 robots explain it: ")
+    assert said_of(known(*modes), gain)[0].startswith("2 bodies explain it: ")
 
 
 def test_numbers_have_the_units_that_the_robot_states():

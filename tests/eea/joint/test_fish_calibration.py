@@ -89,7 +89,7 @@ def test_a_world_that_is_not_imagined_is_noticed():
     water = Setting("reactive water", 1, world="reactive", trials=1, noise=0.003)
     (one,) = examined(water, [0])
     assert not one["good"]
-    assert one["findings"][0].startswith("no robot explains the log")
+    assert one["findings"][0].startswith("no body explains the log")
 
 
 EDGE = Setting("edges", 6, "edge", trials=1, noise=0.0003)

@@ -104,8 +104,8 @@ def test_hypotheses_that_fail_have_no_probability_in_the_findings() -> None:
     belief = infer(motor=0.0, alternatives="always").belief
     assert belief.good
     assert belief.findings[0].startswith("the motor is dead (")
-    wrong = replace(belief.goodness, good=False, verdict="no robot explains the log")
+    wrong = replace(belief.goodness, good=False, verdict="no body explains the log")
     assert replace(belief, goodness=wrong).findings[:2] == [
-        "no robot explains the log",
+        "no body explains the log",
         "the best of the hypotheses that fail: the motor is dead",
     ]

@@ -70,10 +70,10 @@ def test_estimates_lie_inside_intervals_of_another_posterior(shift):
 
 def test_where_no_body_explains_the_trials_nothing_is_known():
     result = infer()
-    goodness = replace(result.belief.goodness, good=False, verdict="no robot explains the log: so")
+    goodness = replace(result.belief.goodness, good=False, verdict="no body explains the log: so")
     bad = replace(result, belief=replace(result.belief, goodness=goodness))
     low, high = bad.interval(0.5)
     assert np.array_equal(low, result.layout.low)
     assert np.array_equal(high, result.layout.high)
     assert bad.to_dict()["belief"]["intervals"] == {}
-    assert bad.belief.findings == ["no robot explains the log: so"]
+    assert bad.belief.findings == ["no body explains the log: so"]

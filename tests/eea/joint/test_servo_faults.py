@@ -71,7 +71,7 @@ def test_a_gyroscopes_bias_is_found() -> None:
 def test_what_no_hypothesis_says_is_noticed() -> None:
     belief = believed("left_pectoral:dead@0.4", rounds=1, alternatives="never")
     assert not belief.good
-    assert belief.findings[0].startswith("no robot explains the log")
+    assert belief.findings[0].startswith("no body explains the log")
 
 
 def test_a_reversed_tail_is_no_fault_that_shows() -> None:
