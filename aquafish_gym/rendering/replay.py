@@ -86,28 +86,53 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
     reached = (
         f"{html.escape(lane.label)} {CM_PER_UNIT * lane.position[-1, 1]:z.0f} cm" for lane in lanes
     )
-    return Template(_web_file("replay.html")).substitute(
+    return Template(web_file("replay.html")).substitute(
         summary=", ".join(reached),
         note="Yellow: a broken fin" if any(lane.broken.any() for lane in lanes) else "",
         data=json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"),
-        library=_pack(_web_file("three.min.js").encode()),
-        script=_web_file("replay.js"),
+        library=packed_library(),
+        script=_replay_script(),
     )
 
 
-def whole_page(title: str, body: str, style: str = "") -> str:
+def _replay_script() -> str:
+    return web_file("scene.js") + web_file("replay.js")
+
+
+def packed_library() -> str:
+    """Return three.js as ``loadThree`` of ``scene.js`` reads it."""
+    return _pack(web_file("three.min.js").encode())
+
+
+def whole_page(
+    title: str,
+    body: str,
+    style: str = "",
+    scripts: Sequence[str] | None = None,
+    worker: bool = False,
+) -> str:
     """Return an HTML page with the style of replays, then ``style``.
 
-    Its Content-Security-Policy allows this style, the replay's scripts and pictures within the
-    page. Nothing else runs or loads.
+    Its Content-Security-Policy allows this style, these scripts and three.js, and pictures within
+    the page. Nothing else runs or loads.
+
+    Parameters
+    ----------
+    title, body, style
+        Of the page: text, HTML and CSS.
+    scripts
+        The body's inline scripts; None for those of replays.
+    worker
+        Whether the page may also run workers that it makes itself, of blobs.
     """
-    style = _web_file("replay.css") + style
-    scripts = " ".join(map(_digest, (_web_file("replay.js"), _web_file("three.min.js"))))
+    style = web_file("replay.css") + style
+    own = [_replay_script()] if scripts is None else scripts
+    allowed = " ".join(map(_digest, (*own, web_file("three.min.js"))))
     policy = (
-        f"default-src 'none'; script-src {scripts}; style-src {_digest(style)}; img-src data:; "
-        "base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {allowed}; style-src {_digest(style)}; img-src data:; "
+        f"{'worker-src blob:; ' if worker else ''}base-uri 'none'; form-action 'none'"
     )
-    return Template(_web_file("page.html")).substitute(
+    return Template(web_file("page.html")).substitute(
         title=html.escape(title), body=body, style=style, policy=policy
     )
 
@@ -137,7 +162,8 @@ def _columns(lane: FilmedSwim) -> bytes:
     return np.ascontiguousarray(table.T, dtype="<f4").tobytes()
 
 
-def _web_file(name: str) -> str:
+def web_file(name: str) -> str:
+    """Return a file of ``rendering/web``."""
     return (files("aquafish_gym.rendering") / "web" / name).read_text(encoding="utf-8")
 
 

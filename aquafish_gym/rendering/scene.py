@@ -6,17 +6,27 @@ Lengths are in units of 5 cm. Quaternions are (x, y, z, w). A colour is red, gre
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics import robot
+from aquafish_gym.physics.arithmetic import (
+    Number,
+    Vector,
+    add,
+    cosine_sine,
+    cross,
+    scale,
+    where_less,
+)
 from aquafish_gym.physics.kinematics import caudal_angle
 from aquafish_gym.utils.array_types import Floats
 
 Colour = tuple[int, int, int]
+Quaternion = tuple[Number, Number, Number, Number]
 
 CM_PER_UNIT = 5
 BODY: Colour = (158, 163, 171)
@@ -39,23 +49,27 @@ MAIN_GRID_SPACING = 10.0  # 50 cm
 DRAWN_PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
 FIN_PARTS = slice(3, 6)
 
-_SIZES = np.array(  # sizes of the parts that do not break
-    [
-        (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS),
-        *[(robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)] * 2,
-    ]
+_CAPSULE: Vector = (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS)
+_PLATE: Vector = (robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)  # size of a mount
+_HINGES: tuple[Vector, ...] = (
+    (-robot.PECTORAL_X, robot.PECTORAL_Y, 0.0),
+    (robot.PECTORAL_X, robot.PECTORAL_Y, 0.0),
+    (0.0, robot.CAUDAL_Y, 0.0),
 )
-_CENTRES = np.array([(0, 0, 0), *((side * robot.MOUNT_X, robot.PECTORAL_Y, 0) for side in (-1, 1))])
-_HINGES = np.array(
-    [
-        *((side * robot.PECTORAL_X, robot.PECTORAL_Y, 0) for side in (-1, 1)),
-        (0, robot.CAUDAL_Y, 0),
-    ]
-)
-_AXES = np.array([(1, 0, 0), (1, 0, 0), (0, 0, 1)])
+_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
 _RIM = 0.12  # length of a break, and distance by which it exceeds its fin
 _LOST = 0.3  # size of the break where a whole fin is missing
+
+
+class DrawnPart(NamedTuple):
+    """One of the ``DRAWN_PARTS`` of a robot, in body axes."""
+
+    centre: Vector
+    turn: Quaternion
+    size: Vector  #: Extents along its own axes; a capsule's radius is half of x.
+    colour: Vector
 
 
 class DrawnRobots(NamedTuple):
@@ -93,25 +107,62 @@ def place_robots(
     fin_angles
         (N, 3): left and right pectoral angle and caudal phase, rad.
     """
-    fins = np.array(bodies, float).reshape(-1, 3, 3)
-    marked = np.array(broken)[..., None]
-    shown = np.count_nonzero(fins > 0, axis=-1, keepdims=True) >= 2
-    drawn = np.maximum(fins, _THINNEST)
-    ends = np.where(shown, drawn * (1, 0, 1) + _RIM, _LOST)
-    whole = [np.broadcast_to(each, (len(fins), 3, 3)) for each in (_SIZES, (BODY, MOUNT, MOUNT))]
-    sizes = np.concatenate([whole[0], drawn * shown, ends * marked], axis=1)
-    colours = [whole[1], np.where(marked, BROKEN_FIN, FIN), np.broadcast_to(BREAK, fins.shape)]
+    sizes, marked, angles = (list(np.array(each, float).T) for each in (bodies, broken, fin_angles))
+    parts = place_parts(sizes, marked, angles)
+    table = [np.broadcast_arrays(sizes[0], *field) for part in parts for field in part]
+    centre, turn, size, colour = (
+        np.stack([np.stack(rows[1:], axis=-1) for rows in table[first::4]], axis=1)
+        for first in range(4)
+    )
+    position, attitude = (np.array(each, float)[:, None] for each in (positions, quaternions))
+    poses = [position + _rotate(attitude, centre), _multiply(attitude, turn)]
+    return DrawnRobots(size, colour, np.concatenate(poses, axis=-1))
 
-    left, right, phase = np.array(fin_angles, float).T
-    angles = np.array([left, right, caudal_angle((np.cos(phase), np.sin(phase)))]).T[..., None]
-    joints = np.concatenate([np.sin(angles / 2) * _AXES, np.cos(angles / 2)], axis=-1)
-    along = [_HINGES + _rotate(joints, fins * shown * (0, -share, 0)) for share in (0.5, 1.0)]
-    centres = np.concatenate([np.broadcast_to(_CENTRES, fins.shape), *along], axis=1)
-    upright = np.broadcast_to((0.0, 0.0, 0.0, 1.0), joints.shape)
-    turns = np.concatenate([upright, joints, joints], axis=1)
-    position, turn = (np.array(each, float)[:, None] for each in (positions, quaternions))
-    poses = [position + _rotate(turn, centres), _multiply(turn, turns)]
-    return DrawnRobots(sizes, np.concatenate(colours, axis=1), np.concatenate(poses, axis=-1))
+
+def place_parts(sizes: Any, broken: Any, fin_angles: Any) -> list[DrawnPart]:
+    """Return the drawn parts of a robot in body axes; see :func:`place_robots`.
+
+    Straight-line code for rows and for symbols (``physics/arithmetic.py``), by which a page of
+    ``aquafish.page`` places the same parts in JavaScript. ``broken`` holds 0 and 1.
+    """
+    plates = [
+        DrawnPart((side * robot.MOUNT_X, robot.PECTORAL_Y, 0.0), _UPRIGHT, _PLATE, MOUNT)
+        for side in (-1, 1)
+    ]
+    left, right, phase = fin_angles
+    tail = caudal_angle(cosine_sine(phase))
+    fins = []
+    breaks = []
+    for i, angle in enumerate((left, right, tail)):
+        size = sizes[3 * i], sizes[3 * i + 1], sizes[3 * i + 2]
+        marked = broken[i]
+        x, y, z = (where_less(extent, _THINNEST, _THINNEST, extent) for extent in size)
+        count = sum(where_less(0.0, extent, 1.0, 0.0) for extent in size)
+        shown = where_less(1.5, count, 1.0, 0.0)
+        cosine, sine = cosine_sine(angle * 0.5)
+        axis = scale(sine, _AXES[i])
+        turn = (*axis, cosine)
+        # From the hinge to the fin's middle and to its end.
+        length = size[1] * shown
+        middle, end = (
+            add(_HINGES[i], _turned(axis, cosine, scale(-share * length, (0.0, 1.0, 0.0))))
+            for share in (0.5, 1.0)
+        )
+        colour = tuple(
+            where_less(0.5, marked, float(one), float(other))
+            for one, other in zip(BROKEN_FIN, FIN, strict=True)
+        )
+        rim = tuple(
+            marked * where_less(0.5, shown, extent + _RIM, _LOST) for extent in (x, 0.0 * y, z)
+        )
+        fins.append(DrawnPart(middle, turn, scale(shown, (x, y, z)), colour))
+        breaks.append(DrawnPart(end, turn, rim, BREAK))
+    return [DrawnPart((0.0, 0.0, 0.0), _UPRIGHT, _CAPSULE, BODY), *plates, *fins, *breaks]
+
+
+def _turned(axis: Vector, cosine: Number, v: Vector) -> Vector:
+    """Return a vector turned by the unit quaternion (``axis``, ``cosine``)."""
+    return add(v, scale(2.0, cross(axis, add(cross(axis, v), scale(cosine, v)))))
 
 
 def floor_below(positions: Floats) -> float:
