@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 
 VIEW = ("aquafish.viewer.command:View", "watch robots swim, and break them in mid-swim")
+PAGE = ("aquafish.page.command:Page", "write a page in which the fish swims, to break its fins")
 CASE_STUDY = ("aquafish.recovery.command:CaseStudy", "the case study: damage, self-model, gait")
 
 
@@ -20,5 +21,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
-    commands = {"recover": CASE_STUDY, "view": VIEW, **COMMANDS, **GAIT_COMMANDS}
+    commands = {"recover": CASE_STUDY, "view": VIEW, "page": PAGE, **COMMANDS, **GAIT_COMMANDS}
     return run_command_line("aquafish", commands, arguments, REFUSED_ERRORS)

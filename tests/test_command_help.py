@@ -22,6 +22,7 @@ MOST_OPTIONS = 12
 COMMANDS: dict[str, str] = {
     "recover": aquafish.cli.CASE_STUDY[0],
     "view": aquafish.cli.VIEW[0],
+    "page": aquafish.cli.PAGE[0],
     **{name: str(place) for name, (place, _) in eea.__main__.COMMANDS.items()},
     **{name: str(place) for name, (place, _) in gait.__main__.COMMANDS.items()},
     **{name: str(place) for name, (place, _) in experiments.real.command.COMMANDS.items()},

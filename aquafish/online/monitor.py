@@ -87,7 +87,7 @@ class SurpriseMonitor:
             if calm:
                 self.highest[window] = max(self.highest.get(window, 0.0), total)
             error_bound = self.margin * self.highest.get(window, 0.0)
-            alarming |= total > max(_chance_bound(sum(self.used[-window:])), error_bound)
+            alarming |= total > max(chance_bound(sum(self.used[-window:])), error_bound)
         return alarming and not calm
 
     def clear(self) -> None:
@@ -130,7 +130,7 @@ class ReadingHistory:
 
 
 @cache
-def _chance_bound(freedom: int) -> float:
+def chance_bound(freedom: int) -> float:
     """Return the bound on the sum of ``freedom`` squared innovations for noise alone."""
     from scipy.stats import chi2  # slow to import
 

@@ -48,8 +48,9 @@ MAIN_GRID_SPACING = 10.0  # 50 cm
 #: The first part is a capsule along its y axis, the others are boxes.
 DRAWN_PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
 FIN_PARTS = slice(3, 6)
+PART_NUMBERS = 13  # of a ``DrawnPart``
 
-_CAPSULE: Vector = (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS)
+CAPSULE: Vector = (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS)
 _PLATE: Vector = (robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)  # size of a mount
 _HINGES: tuple[Vector, ...] = (
     (-robot.PECTORAL_X, robot.PECTORAL_Y, 0.0),
@@ -157,7 +158,7 @@ def place_parts(sizes: Any, broken: Any, fin_angles: Any) -> list[DrawnPart]:
         )
         fins.append(DrawnPart(middle, turn, scale(shown, (x, y, z)), colour))
         breaks.append(DrawnPart(end, turn, rim, BREAK))
-    return [DrawnPart((0.0, 0.0, 0.0), _UPRIGHT, _CAPSULE, BODY), *plates, *fins, *breaks]
+    return [DrawnPart((0.0, 0.0, 0.0), _UPRIGHT, CAPSULE, BODY), *plates, *fins, *breaks]
 
 
 def _turned(axis: Vector, cosine: Number, v: Vector) -> Vector:

@@ -11,7 +11,7 @@ import eea.__main__
 import gait.__main__
 from aquafish.cli import main
 
-COMMANDS = ("recover", "view", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS)
+COMMANDS = ("recover", "view", "page", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS)
 
 
 def test_help_lists_every_command_and_loads_nothing_heavy() -> None:

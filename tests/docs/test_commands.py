@@ -35,7 +35,7 @@ EXPERIMENTS = {
 PROGRAMS = {
     "aquafish": (
         aquafish.cli.main,
-        {"recover", "view", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS},
+        {"recover", "view", "page", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS},
     ),
     "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
     "python -m gait": (gait.__main__.main, gait.__main__.COMMANDS),

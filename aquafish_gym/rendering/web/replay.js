@@ -71,7 +71,12 @@ function play(host, data, three) {
 
   function addLine() {
     const [left, right] = data.ends;
-    const line = addMesh(three, scene, new three.BoxGeometry(right - left, 0.15, 0.06), colours.ink);
+    const line = addMesh(
+      three,
+      scene,
+      new three.BoxGeometry(right - left, 0.15, 0.06),
+      colours.ink,
+    );
     line.position.set((left + right) / 2, 0, floor);
   }
 
@@ -113,7 +118,10 @@ function play(host, data, three) {
     camera.up.set(0, 0, 1);
     box.getCenter(orbit.target);
     for (let distance = 10; distance < 300; distance *= 1.04) {
-      camera.position.set(...from).setLength(distance).add(orbit.target);
+      camera.position
+        .set(...from)
+        .setLength(distance)
+        .add(orbit.target);
       camera.lookAt(orbit.target);
       camera.updateMatrixWorld();
       if (shown.every(fits)) {
@@ -158,7 +166,7 @@ function play(host, data, three) {
       clock.textContent = `${time.toFixed(1)} / ${end.toFixed(0)} s`;
       swimmers.forEach(move);
       renderer.render(scene, camera);
-      marks.forEach(({ element, place }) => placeText(element, place, camera, stage));
+      for (const { element, place } of marks) placeText(element, place, camera, stage);
       host.dataset.ready = "yes";
     }
     requestAnimationFrame(frame);

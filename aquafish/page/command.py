@@ -1,0 +1,29 @@
+"""The command ``aquafish page``: the fish in one HTML file, to break and to send to others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from tyro.conf import arg
+
+from aquafish.page.document import write_live_page
+from aquafish_gym.utils.storage import output_file
+
+
+@dataclass(frozen=True)
+class Page:
+    """Write a page in which the fish swims, to break its fins: one HTML file.
+
+    It opens in a browser from the disk, and needs neither a server nor a network.
+    """
+
+    example: ClassVar[str] = "--html fish.html"
+
+    html: Annotated[Path, arg(metavar="FILE")] = Path("fish.html")  #: The file.
+
+    def execute(self) -> None:
+        """Write the file."""
+        path = write_live_page(output_file(self.html, "html"))
+        print(f"Page: {path} ({path.stat().st_size / 1e6:.2f} MB); open it in a browser")

@@ -1,0 +1,104 @@
+"""The page as one HTML file."""
+
+from __future__ import annotations
+
+import html
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+
+from aquafish.page.program import HORIZON_SECONDS, page_file, program
+from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.rendering import scene
+from aquafish_gym.rendering.replay import css, packed_library, web_file, whole_page
+from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.storage import write_bytes
+from aquafish_gym.utils.validation import file_path
+
+TITLE = "Break the fish"
+GHOST_COLOUR = (120, 70, 200)  # the live viewer's
+FISH_COLOUR = (0, 114, 178)
+FEWEST_FRAMES = 40  # a second; with fewer, the page draws without shadows, then coarser
+FASTEST_CURRENT = 1.0  # units/s: faster than the fish
+#: Words of damage -> what they say of a fin; # is the number in percent.
+PHRASES = {
+    "length": "has # of its length",
+    "width": "has # of its width",
+    "entangled": "drags something along",
+    "weak": "turns at # of its speed",
+    "missing": "is missing",
+    "reversed": "turns the wrong way",
+    "seized": "is seized",
+}
+#: What a button does to a fin: its name, a word of damage, and its number.
+BREAKS: Sequence[tuple[str, str, float]] = (
+    ("missing", "missing", 0.0),
+    ("half", "length", 0.5),
+    ("seized", "seized", 0.0),
+    ("weak", "weak", 0.4),
+    ("reversed", "reversed", 0.0),
+)
+
+
+def write_live_page(path: str | os.PathLike[str]) -> Path:
+    """Write the page as one HTML file, and return its path.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``path`` cannot be the path of a file.
+
+    Examples
+    --------
+    >>> write_live_page("fish.html").stat().st_size < 700_000
+    True
+    """
+    file_path("path", path)
+    write_bytes(path, live_page().encode())
+    return Path(path)
+
+
+def live_page() -> str:
+    """Return the page in which the fish swims, breaks and swims on, as HTML."""
+    data = {
+        "timestep": TIMESTEP,
+        "cmPerUnit": scene.CM_PER_UNIT,
+        "horizon": HORIZON_SECONDS,
+        "partNumbers": scene.PART_NUMBERS,
+        "rows": {name: FIELDS[name].start for name in ("orientation", "position")},
+        "floor": scene.FLOOR_HEIGHT,
+        "slowFrame": 1000 / FEWEST_FRAMES,
+        "clearance": scene.CLEARANCE,
+        "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
+        "firstFin": scene.FIN_PARTS.start,
+        "capsule": scene.CAPSULE[:2],
+        "colours": {
+            "water": css(scene.WATER_ABOVE),
+            "sand": css(scene.SAND),
+            "grid": css(scene.GRID),
+            "ink": css(scene.INK),
+            "fish": css(FISH_COLOUR),
+            "ghost": css(GHOST_COLOUR),
+        },
+        "finWords": FIN_WORDS,
+        "phrases": PHRASES,
+        "breaks": BREAKS,
+    }
+    fins = "\n".join(
+        f'<option value="{i}">{html.escape(FIN_WORDS[fin])}</option>' for i, fin in enumerate(FINS)
+    )
+    view = web_file("scene.js") + page_file("view.js")
+    body = Template(page_file("page.html")).substitute(
+        title=TITLE,
+        fins=fins,
+        seconds=f"{HORIZON_SECONDS:g}",
+        current=f"{scene.CM_PER_UNIT * FASTEST_CURRENT:g}",
+        data=json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"),
+        library=packed_library(),
+        program=program(),
+        view=view,
+    )
+    return whole_page(TITLE, body, page_file("page.css"), (program(), view), worker=True)

@@ -1,0 +1,151 @@
+"""What the page's agent knows: the library's numbers, words and gaits, as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aquafish.online import recognition
+from aquafish.online.agent import ACTIONS_BEFORE_ALARM, ERROR_GROWTH
+from aquafish.online.agent import SAME_GAIT_DIFFERENCE as SAME_GAIT
+from aquafish.online.case import CHANNEL_TOLERANCE, NOISE_RATIO, SETTLED_CASE_ACTIONS
+from aquafish.online.config import AgentConfig
+from aquafish.online.gaits import load_library
+from aquafish.online.hypotheses import (
+    FIRST_NUMBERS,
+    NUMBER_COST,
+    NUMBER_MARGIN,
+    NUMBER_RANGES,
+    STENCIL,
+    WORD_COST,
+    all_hypotheses,
+)
+from aquafish.online.monitor import ERROR_SCALES, WINDOWS, chance_bound
+from aquafish.online.self_model import (
+    ERROR_SIZE,
+    LEAST_OBSERVATION_SD,
+    MODEL_ERROR,
+    RECOGNISED_ERROR,
+    START_ERROR,
+)
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.damage.faults import break_fin
+from aquafish_gym.damage.sensors import GYRO_CHANNELS
+from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA
+from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
+from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from gait.controllers.controller import Controller
+from gait.controllers.network import OUTPUT_GAIN, Senses
+
+GYRO_NOISE = 0.01  # standard deviation, rad/s: the league's
+SAME_ROBOT = 0.01  # of sizes, in units, and of gains: a robot that is whole
+EARLY_MARGIN = 20.0  # times as much surprise raises an alarm soon after another one
+FIRST_FAULTS = 3  # the likeliest single ones, beside which another is looked for
+GAIT_SENSES = Senses(fins=True)  # of each gait of the library
+
+
+def agent_facts(seconds: float) -> dict[str, Any]:
+    """Return what ``agent.js`` calls FACTS; it chooses a gait for the next ``seconds``."""
+    noise = np.zeros(len(CHANNELS))
+    noise[GYRO_CHANNELS] = GYRO_NOISE
+    gaits = load_library()
+    hold = gaits[0].interval
+    return {
+        "hold": hold,
+        "seconds": hold * TIMESTEP,
+        "horizon": round(seconds / (hold * TIMESTEP)),
+        "gyroNoise": GYRO_NOISE,
+        "noise": np.hypot(noise, LEAST_OBSERVATION_SD).tolist(),
+        "tolerance": np.maximum(CHANNEL_TOLERANCE, NOISE_RATIO * noise).tolist(),
+        "northing": FIELDS["position"].start + 1,
+        "errors": ERROR_SIZE,
+        "stateRows": STATE_NUMBERS,
+        "robotRows": ROBOT_ROWS,
+        "parts": PART_NUMBERS * len(DRAWN_PARTS),
+        "fins": FINS,
+        "sizes": [d.nominal for d in DIMENSIONS],
+        "maxima": MAXIMA.tolist(),
+        "columns": {
+            fin: {d.size: i for i, d in enumerate(DIMENSIONS) if d.fin == fin} for fin in FINS
+        },
+        "middle": ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist(),
+        "reach": ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist(),
+        "effects": {fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in FINS},
+        "singles": singles(),
+        "numberRanges": {word: NUMBER_RANGES.get(word, (0.0, 0.0)) for word in FIRST_NUMBERS},
+        "numberMargin": NUMBER_MARGIN,
+        "costs": {
+            word: WORD_COST + NUMBER_COST * (word in NUMBER_RANGES) for word in FIRST_NUMBERS
+        },
+        "firstFaults": FIRST_FAULTS,
+        "stencil": STENCIL.tolist(),
+        "rounds": recognition.NARROWING_ROUNDS,
+        "narrowed": recognition.NARROWED_HYPOTHESES,
+        "lateNarrowed": recognition.LATE_HYPOTHESES,
+        "firstSpacing": recognition.FIRST_SPACING,
+        "spacingRatio": recognition.SPACING_RATIO,
+        "modelError": MODEL_ERROR.tolist(),
+        "recognisedError": RECOGNISED_ERROR.tolist(),
+        "startCovariance": np.diag(np.full(ERROR_SIZE, START_ERROR[0]) ** 2).tolist(),
+        "largestError": (ERROR_SCALES[-1] * MODEL_ERROR).tolist(),
+        "errorGrowth": ERROR_GROWTH,
+        "windows": [(window, chance_bound(window * len(CHANNELS))) for window in WINDOWS],
+        "earlyMargin": EARLY_MARGIN,
+        "settledActions": SETTLED_CASE_ACTIONS,
+        # As many as without a compass: a longer stretch tells a seized fin from a weak one.
+        "recentMoments": ACTIONS_BEFORE_ALARM[True] + 1,
+        "inferences": AgentConfig().inferences,
+        "sameRobot": SAME_ROBOT,
+        "sameGait": SAME_GAIT,
+        "outputGain": OUTPUT_GAIN,
+        "gaits": [gait_facts(gait) for gait in gaits],
+    }
+
+
+def singles() -> list[list[dict[str, Any]]]:
+    """Return the hypotheses of nothing broken and of single faults, as lists of faults."""
+    return [
+        [
+            {"fin": fin, "word": word, "number": number}
+            for (fin, word), number in zip(grid.words, row, strict=True)
+        ]
+        for grid in all_hypotheses()
+        if len(grid.words) < 2
+        for row in grid.numbers.tolist()
+    ]
+
+
+def effects(fin: str, word: str) -> list[tuple[float, ...]]:
+    """Return what a word about a fin does to a robot's nine sizes and three servo gains.
+
+    Each row is (i, a, b, c, d): with the word's number x, value i becomes
+    ``a + b x + (c + d x) value``. Found by breaking robots.
+    """
+    values, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
+    robots = Scenario.create(np.tile(values[:, None], len(DIMENSIONS)))
+    robots.servo_gain[:] = values[:, None]
+    break_fin(robots, fin, word, numbers)
+    after = np.concatenate([robots.body, robots.servo_gain], axis=1)
+    terms = np.stack([np.ones(4), numbers, values, values * numbers], axis=1)
+    found = np.linalg.solve(terms, after).round(9).T + 0.0  # no "-0"
+    changed = np.flatnonzero((found != (0.0, 0.0, 1.0, 0.0)).any(axis=1))
+    return [(i, *found[i].tolist()) for i in changed.tolist()]
+
+
+def gait_facts(gait: Controller) -> dict[str, Any]:
+    """Return a gait as ``agent.js`` reads it: its layout, and its numbers in float32."""
+    if gait.senses != GAIT_SENSES:
+        raise ValueError(f"a gait of the page must have {GAIT_SENSES}; got {gait.senses}")
+    _, _, _, _, inputs, nodes, memory, clipped, _, *ends = gait.layout().tolist()
+    return {
+        "layout": {
+            "inputs": inputs,
+            "nodes": nodes,
+            "memory": bool(memory),
+            "clipped": bool(clipped),
+            "ends": ends,
+        },
+        "genes": [float(str(gene)) for gene in gait.genes().astype(np.float32)],
+    }

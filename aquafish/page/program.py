@@ -1,0 +1,136 @@
+"""The page's program: functions of the library in JavaScript, what the agent knows, the agent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from aquafish.online.self_model import ERROR_SIZE
+from aquafish.page.facts import GAIT_SENSES, agent_facts
+from aquafish_gym import code_generation
+from aquafish_gym.morphology import FINS
+from aquafish_gym.physics.arithmetic import (
+    TAU,
+    add,
+    arctangent2,
+    cosine_sine,
+    cross,
+    dot,
+    fma,
+    put,
+    scale,
+    square_root,
+    subtract,
+    where_less,
+)
+from aquafish_gym.physics.kinematics import joint_angles, turn, turned
+from aquafish_gym.physics.layout import (
+    STATE_NUMBERS,
+    fetch_state,
+    fetch_vector,
+    put_state,
+    put_vector,
+)
+from aquafish_gym.physics.printing import JAVASCRIPT, printed, trace
+from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS, place_parts
+from aquafish_gym.sense import up_and_north
+from gait.controllers.network import put_inputs
+
+HORIZON_SECONDS = 20.0  # for which the fish compares gaits; the live viewer's, too
+
+
+def place_fish(sizes: Any, broken: Any, state: Any, parts: Any) -> None:
+    """Set what is drawn of a fish: of each part centre, turn, size and colour, in body axes."""
+    angles = joint_angles(fetch_state(state, 0, 1, 0.0))
+    numbers = [x for part in place_parts(sizes, broken, angles) for field in part for x in field]
+    for i, number in enumerate(numbers):
+        is_colour = i % PART_NUMBERS >= PART_NUMBERS - 3
+        put(parts, i, number * (1 / 255) if is_colour else number)
+
+
+def sense_inputs(state: Any, turns: Any, values: Any) -> None:
+    """Set the inputs of a gait's network in a state, after its clock has made ``turns`` (1,)."""
+    now = fetch_state(state, 0, 1, 0.0)
+    up, north = up_and_north(now.orientation)
+    fins = scale(1 / TAU, joint_angles(now))
+    way = (0.0, 0.0, 0.0)
+    put_inputs(values, GAIT_SENSES.layout, turns[0], up, north, now.spin, fins, way)
+
+
+def move(state: Any, error: Any, found: Any) -> None:
+    """Set the state that differs from one by an error (12,): ``self_model.moved``."""
+    before = fetch_state(state, 0, 1, 0.0)
+    rotation, velocity, spin, fins = (fetch_vector(error, 3 * i, 0, 1, 0.0) for i in range(4))
+    left, right, phase = (
+        turned(pair, cosine_sine(angle))
+        for pair, angle in zip((before.left, before.right, before.phase), fins, strict=True)
+    )
+    after = before._replace(
+        orientation=turn(before.orientation, rotation, 1.0),
+        velocity=add(before.velocity, velocity),
+        spin=add(before.spin, spin),
+        left=left,
+        right=right,
+        phase=phase,
+    )
+    put_state(found, 0, 1, after)
+
+
+def state_error(state: Any, other: Any, error: Any) -> None:
+    """Set the error (12,) by which a state differs from another: ``self_model.state_errors``.
+
+    Their attitudes differ by less than half a turn, and their quaternions have the same sign.
+    """
+    now, then = (fetch_state(one, 0, 1, 0.0) for one in (state, other))
+    a, b = now.orientation, then.orientation
+    real = fma(a[3], b[3], dot(a[:3], b[:3]))
+    axis = subtract(subtract(scale(b[3], a[:3]), scale(a[3], b[:3])), cross(b[:3], a[:3]))
+    sine = square_root(dot(axis, axis))
+    angle = 2.0 * arctangent2(sine, real)
+    put_vector(error, 0, 0, 1, scale(where_less(sine, 1e-12, 2.0, angle / (sine + 1e-30)), axis))
+    put_vector(error, 3, 0, 1, subtract(now.velocity, then.velocity))
+    put_vector(error, 6, 0, 1, subtract(now.spin, then.spin))
+    pairs = (now.left, then.left), (now.right, then.right), (now.phase, then.phase)
+    for i, ((c, s), (c0, s0)) in enumerate(pairs):
+        put(error, 9 + i, arctangent2(fma(s, c0, -(c * s0)), fma(c, c0, s * s0)))
+
+
+_FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
+    place_fish: {
+        "sizes": 3 * len(FINS),
+        "broken": len(FINS),
+        "state": STATE_NUMBERS,
+        "parts": PART_NUMBERS * len(DRAWN_PARTS),
+    },
+    sense_inputs: {"state": STATE_NUMBERS, "turns": 1, "values": len(GAIT_SENSES.names)},
+    move: {"state": STATE_NUMBERS, "error": ERROR_SIZE, "found": STATE_NUMBERS},
+    state_error: {"state": STATE_NUMBERS, "other": STATE_NUMBERS, "error": ERROR_SIZE},
+}
+
+
+@cache
+def program(seconds: float = HORIZON_SECONDS) -> str:
+    """Return the JavaScript of the fish and its agent, which compares gaits for some seconds.
+
+    It defines ``FACTS``, the printed functions, and what ``agent.js`` does. The page and its worker
+    run it, and so does node.
+    """
+    facts = json.dumps(agent_facts(seconds), separators=(",", ":"), allow_nan=False)
+    physics = code_generation.javascript(
+        code_generation.robot_rows,
+        code_generation.start,
+        code_generation.step,
+        code_generation.sense,
+    )
+    own = [printed(f.__name__, trace(f, **sizes), JAVASCRIPT) for f, sizes in _FUNCTIONS.items()]
+    begin = f'"use strict";\nconst FACTS = {facts};'
+    hand_written = page_file("agent.js"), page_file("words.js")
+    return "\n".join([begin, physics, *own, *hand_written])
+
+
+def page_file(name: str) -> str:
+    """Return a file of this package."""
+    return files("aquafish.page").joinpath(name).read_text(encoding="utf-8")

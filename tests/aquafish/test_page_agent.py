@@ -1,0 +1,193 @@
+"""The page's program does in node what the library does: physics, gaits, words, recognition."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online.gaits import imagine, load_library
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, damage_text
+from aquafish.online.self_model import moved, state_errors
+from aquafish.page.facts import GYRO_NOISE, effects
+from aquafish.page.program import HORIZON_SECONDS, move, place_fish, program, state_error
+from aquafish_gym.damage import Damage, Fault
+from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.physics.layout import angles_of_rows, start_rows
+from aquafish_gym.rendering.scene import PART_NUMBERS, place_robots
+from aquafish_gym.scenario import Scenario
+
+EPISODES = Path(__file__).with_name("page_episodes.js")
+ONSET_SECONDS = 20.0
+SECONDS = 60.0
+INTERVAL = 0.2  # s, of an action
+IN_A_ROW = (
+    Fault("left_pectoral", "length", 0.5),
+    Fault("caudal", "missing"),
+    Fault("right_pectoral", "seized"),
+    Fault("left_pectoral", "reversed"),
+    Fault("right_pectoral", "weak", 0.4),
+)
+
+
+def run_node(code: str, given: object, seconds: float = HORIZON_SECONDS) -> Any:
+    """Return what a program prints that follows the page's, which looks so far ahead, as JSON."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    text = f"{program(seconds)}\n{code}"
+    done = subprocess.run(
+        [node, "-"], input=text, env={"GIVEN": json.dumps(given)}, capture_output=True, text=True
+    )
+    assert not done.stderr, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
+def swim_episodes(episodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return what the page's agent did in episodes."""
+    return list(run_node(EPISODES.read_text(), episodes))
+
+
+def random_state(rng: np.random.Generator) -> np.ndarray[Any, Any]:
+    """Return a state (25,) in motion."""
+    state = start_rows(rng.uniform(-3, 3, (1, 3)))[:, 0]
+    state[:4] = rng.standard_normal(4)
+    state[:4] /= np.linalg.norm(state[:4])
+    state[4:13] = rng.standard_normal(9)
+    return state
+
+
+def random_faults(count: int, seed: int = 38) -> list[Fault]:
+    """Return single faults of fins that the agent has words for."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        word = list(FIRST_NUMBERS)[rng.integers(len(FIRST_NUMBERS))]
+        number = round(float(rng.uniform(0.1, 0.9)), 3) if word in NUMBER_RANGES else None
+        found.append(Fault(FINS[rng.integers(len(FINS))], word, number))
+    return found
+
+
+def as_facts(fault: Fault) -> list[dict[str, Any]]:
+    """Return a fault as ``page_episodes.js`` reads it."""
+    return [{"fin": fault.part, "word": fault.word, "number": fault.number or 0.0}]
+
+
+def episode(
+    number: int, breaks: list[tuple[Fault | None, float]], seconds: float = SECONDS
+) -> dict[str, Any]:
+    """Return an episode in which a fin breaks, or all are mended, at some times, s."""
+    return {
+        "finAngles": np.random.default_rng(number).uniform(-np.pi, np.pi, 3).tolist(),
+        "breaks": [
+            {"faults": as_facts(fault) if fault else [], "at": round(at / INTERVAL)}
+            for fault, at in breaks
+        ],
+        "actions": round(seconds / INTERVAL),
+        "seed": number,
+    }
+
+
+@pytest.mark.parametrize("word", FIRST_NUMBERS)
+@pytest.mark.parametrize("fin", FINS)
+def test_a_word_does_to_a_robot_what_the_grammar_says(fin: str, word: str) -> None:
+    number = 0.37 if word in NUMBER_RANGES else None
+    robot = Damage((Fault(fin, word, number),)).edit(Scenario.create())
+    values = np.concatenate([Morphology.nominal().to_array(), np.ones(3)])
+    for i, a, b, c, d in effects(fin, word):
+        x = number or 0.0
+        values[int(i)] = a + b * x + (c + d * x) * values[int(i)]
+    np.testing.assert_allclose(values, np.concatenate([robot.body[0], robot.servo_gain[0]]))
+
+
+def test_the_filter_moves_states_as_the_library_does() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        state = random_state(rng)
+        error = 0.1 * rng.standard_normal(12)
+        found = [0.0] * 22
+        move(state[:22].tolist(), error.tolist(), found)
+        wanted = moved(state, error[None])[:, 0]
+        np.testing.assert_allclose(found, wanted[:22], atol=1e-12)
+        back = [0.0] * 12
+        state_error(found, state[:22].tolist(), back)
+        np.testing.assert_allclose(back, state_errors(wanted[:, None], state)[0], atol=1e-12)
+
+
+def test_a_fish_is_placed_as_everywhere_else() -> None:
+    rng = np.random.default_rng(1)
+    body = rng.uniform(0.1, 0.5, 9)
+    state = random_state(rng)
+    parts = [0.0] * (9 * PART_NUMBERS)
+    place_fish(body.tolist(), [0.0, 1.0, 0.0], state[:22].tolist(), parts)
+    upright = [[0.0, 0.0, 0.0, 1.0]]
+    wanted = place_robots(
+        body[None], [[False, True, False]], np.zeros((1, 3)), upright, angles_of_rows(state)[None]
+    )
+    table = np.reshape(parts, (9, PART_NUMBERS))
+    np.testing.assert_allclose(table[:, :7], wanted.poses[0], atol=1e-12)
+    np.testing.assert_allclose(table[:, 7:10], wanted.sizes[0], atol=1e-12)
+    np.testing.assert_allclose(table[:, 10:], wanted.colours[0] / 255, atol=1e-12)
+
+
+def test_gaits_swim_as_far_as_in_the_library() -> None:
+    fault = Fault("left_pectoral", "length", 0.5)
+    angles = (0.5, -1.0, 2.0)
+    given = {"angles": angles, "faults": as_facts(fault)}
+    far = run_node(
+        "const { angles, faults } = JSON.parse(process.env.GIVEN);"
+        "const swum = imagine(broken(WHOLE, faults), atRest(angles), begin(0), [0, 0, 0]);"
+        "process.stdout.write(JSON.stringify(swum));",
+        given,
+        5.0,
+    )
+    robot = Damage((fault,)).edit(Scenario.create())
+    state = start_rows(np.array([angles]))[:, 0]
+    wanted = imagine(load_library(), robot, state, 5.0)  # in float32
+    np.testing.assert_allclose(far, [*wanted, wanted[0]], atol=0.005)
+
+
+def test_fins_that_break_and_mend_in_a_row_are_named() -> None:
+    breaks: list[tuple[Fault | None, float]] = []
+    for i, fault in enumerate(IN_A_ROW):
+        breaks += [(fault, 5.0 + 4.0 * i), (None, 7.0 + 4.0 * i)]
+    for found in swim_episodes([episode(number, breaks, 27.0) for number in range(2)]):
+        assert [one["truth"] for one in found["happened"] if one["knew"] is None] == []
+        assert all(one["knew"] < 2.0 for one in found["happened"])
+
+
+@pytest.mark.slow
+def test_the_agent_is_as_good_as_the_librarys_without_refinement() -> None:
+    """Of 100 single faults it names 95, and it swims as far within 5%."""
+    faults = random_faults(100)
+    episodes = [episode(i, [(fault, ONSET_SECONDS)]) for i, fault in enumerate(faults)]
+    found = [one["happened"][0] for one in swim_episodes(episodes)]
+    right = sum(one["words"] == one["truth"] for one in found)
+    ways = [way_of_self_model(*pair) for pair in zip(faults, episodes, strict=True)]
+    ratio = np.mean([one["way"] for one in found]) / np.mean(ways)
+    knew = np.median([np.inf if one["knew"] is None else one["knew"] for one in found])
+    print(f"right words {right}, way {ratio:.3f} of the library's, words after {knew:.1f} s")
+    assert right >= 95
+    assert ratio >= 0.95
+    assert knew <= 2.0
+
+
+def way_of_self_model(fault: Fault, one: dict[str, Any]) -> float:
+    """Return how far ``SelfModelAgent`` swims after a fault, units, without refining its gaits."""
+    damage = f"gyro:noise={GYRO_NOISE}; {damage_text(Damage((fault,)))}@{ONSET_SECONDS}"
+    env = gym.make("AquaFishRecovery-v0", damage=damage, engine="numba")
+    observation, info = env.reset(seed=one["seed"], options={"fin_angles": one["finAngles"]})
+    agent = SelfModelAgent(config=AgentConfig(gyro_noise=GYRO_NOISE, refinements=0))
+    agent.begin(info["fin_angles"])
+    way = [0.0]
+    for _ in range(one["actions"]):
+        observation, _, _, _, info = env.step(agent.act(observation))
+        way.append(float(info["y_position"]))
+    return way[-1] - way[round(ONSET_SECONDS / INTERVAL)]
