@@ -15,6 +15,9 @@ PARALLEL ?= --numprocesses auto --dist worksteal
 test test-slow: export OPENBLAS_NUM_THREADS ?= 1
 test test-slow: export OMP_NUM_THREADS ?= 1
 
+# Formats and lints JavaScript; biome.json has its settings.
+BIOME := npx --yes @biomejs/biome@2.6.8
+
 .PHONY: recover test test-slow lint verify verify-inference bench docs wheel lowest clean
 .DEFAULT_GOAL := recover
 
@@ -32,6 +35,8 @@ lint: $(VENV)/.installed-test
 	$(PY) -m ruff check .
 	$(PY) -m mypy
 	$(VENV)/bin/lint-imports
+	@if command -v npx >/dev/null; then $(BIOME) check .; \
+		else echo "npx is not installed: the JavaScript is not checked"; fi
 
 # Is the physics right, and how fast is it? ARGS="--help" lists the parts of each.
 verify: $(VENV)/.installed-test

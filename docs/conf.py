@@ -12,6 +12,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.nodes import make_refnode
 from sphinx.util.typing import stringify_annotation
 
+from aquafish.page import write_live_page
 from aquafish_gym.damage import TIERS
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -144,8 +145,15 @@ class LinkedNames(SphinxPostTransform):
                 literal.replace_self(make_refnode(*link))
 
 
+def add_page(app: Sphinx, error: Exception | None) -> None:
+    """Write the page in which the fish swims beside the documents."""
+    if error is None and app.builder.format == "html":
+        write_live_page(pathlib.Path(app.outdir) / "fish.html")
+
+
 def setup(app: Sphinx) -> None:
     """Register the above with Sphinx."""
+    app.connect("build-finished", add_page)
     app.connect("source-read", name_study)
     app.add_post_transform(LinkedNames)
     app.connect("autodoc-process-docstring", as_restructured_text)

@@ -348,7 +348,7 @@ function live(host, data, three) {
 
   function leaveMark() {
     const [x, y] = swim.state.subarray(position, position + 2);
-    const at = (swim.steps / 50) % 1000;
+    const at = (swim.steps / 50 - 1) % 1000;
     trail.setMatrixAt(at, new three.Matrix4().makeTranslation(x, y, floor + 0.04));
     trail.instanceMatrix.needsUpdate = true;
     trail.count = Math.max(trail.count, at + 1);

@@ -41,7 +41,7 @@ def run_node(code: str, given: object, seconds: float = HORIZON_SECONDS) -> Any:
     """Return what a program prints that follows the page's, which looks so far ahead, as JSON."""
     node = shutil.which("node")
     if node is None:
-        pytest.skip("node is not installed")
+        pytest.skip("there is no JavaScript engine, node")
     text = f"{program(seconds)}\n{code}"
     done = subprocess.run(
         [node, "-"], input=text, env={"GIVEN": json.dumps(given)}, capture_output=True, text=True
