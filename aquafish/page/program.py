@@ -85,7 +85,8 @@ def state_error(state: Any, other: Any, error: Any) -> None:
     Their attitudes differ by less than half a turn, and their quaternions have the same sign.
     """
     now, then = (fetch_state(one, 0, 1, 0.0) for one in (state, other))
-    a, b = now.orientation, then.orientation
+    a = now.orientation
+    b = then.orientation
     real = fma(a[3], b[3], dot(a[:3], b[:3]))
     axis = subtract(subtract(scale(b[3], a[:3]), scale(a[3], b[:3])), cross(b[:3], a[:3]))
     sine = square_root(dot(axis, axis))
