@@ -136,7 +136,7 @@ function live(host, data, three) {
   let owed = 0;
   let floor = data.floor;
   let pressed = null;
-  let slow = 0; // frames that took too long, less those that did not
+  let slow = 0; // ms of frames that took too long, less those of others
 
   [ghost.band, ...ghost.parts].forEach(({ material }) => {
     material.transparent = true;
@@ -312,8 +312,9 @@ function live(host, data, three) {
         if (swim.steps % 50 === 0) leaveMark();
       }
     }
-    slow = Math.max(0, slow + (now - last > data.slowFrame ? 1 : -1));
-    if (slow > 20) lighten();
+    const took = Math.min(100, now - last);
+    slow = Math.max(0, slow + (took > data.slowFrame ? took : -took));
+    if (slow > 500) lighten();
     last = now;
     const { agent, state } = swim;
     const place = new three.Vector3(...state.subarray(position, position + 3));
@@ -342,7 +343,8 @@ function live(host, data, three) {
   // Draws with less effort, on a device that is slow.
   function lighten() {
     slow = 0;
-    if (!sun.castShadow) renderer.setPixelRatio(0.6 * renderer.getPixelRatio());
+    const ratio = renderer.getPixelRatio();
+    if (!sun.castShadow && ratio > 0.3) renderer.setPixelRatio(0.6 * ratio);
     sun.castShadow = false;
   }
 
