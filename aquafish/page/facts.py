@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import recognition
-from aquafish.online.agent import ACTIONS_BEFORE_ALARM, ERROR_GROWTH
-from aquafish.online.agent import SAME_GAIT_DIFFERENCE as SAME_GAIT
+from aquafish.online.agent import ACTIONS_BEFORE_ALARM, ERROR_GROWTH, SAME_GAIT_DIFFERENCE
 from aquafish.online.case import CHANNEL_TOLERANCE, NOISE_RATIO, SETTLED_CASE_ACTIONS
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import load_library
@@ -40,7 +39,7 @@ from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
 
 GYRO_NOISE = 0.01  # standard deviation, rad/s: the league's
-SAME_ROBOT = 0.01  # of sizes, in units, and of gains: a robot that is whole
+SAME_ROBOT_DIFFERENCE = 0.01  # of sizes, in units, and of gains: a robot that is whole
 EARLY_MARGIN = 20.0  # times as much surprise raises an alarm soon after another one
 FIRST_FAULTS = 3  # the likeliest single ones, beside which another is looked for
 GAIT_SENSES = Senses(fins=True)  # of each gait of the library
@@ -88,6 +87,7 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "spacingRatio": recognition.SPACING_RATIO,
         "modelError": MODEL_ERROR.tolist(),
         "recognisedError": RECOGNISED_ERROR.tolist(),
+        # It begins at rest, in water whose current it knows.
         "startCovariance": np.diag(np.full(ERROR_SIZE, START_ERROR[0]) ** 2).tolist(),
         "largestError": (ERROR_SCALES[-1] * MODEL_ERROR).tolist(),
         "errorGrowth": ERROR_GROWTH,
@@ -97,8 +97,8 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         # As many as without a compass: a longer stretch tells a seized fin from a weak one.
         "recentMoments": ACTIONS_BEFORE_ALARM[True] + 1,
         "inferences": AgentConfig().inferences,
-        "sameRobot": SAME_ROBOT,
-        "sameGait": SAME_GAIT,
+        "sameRobot": SAME_ROBOT_DIFFERENCE,
+        "sameGait": SAME_GAIT_DIFFERENCE,
         "outputGain": OUTPUT_GAIN,
         "gaits": [gait_facts(gait) for gait in gaits],
     }

@@ -343,8 +343,8 @@ function live(host, data, three) {
   // Draws with less effort, on a device that is slow.
   function lighten() {
     slow = 0;
-    const ratio = renderer.getPixelRatio();
-    if (!sun.castShadow && ratio > 0.3) renderer.setPixelRatio(0.6 * ratio);
+    const coarser = Math.max(0.5, 0.7 * renderer.getPixelRatio());
+    if (!sun.castShadow) renderer.setPixelRatio(coarser);
     sun.castShadow = false;
   }
 
