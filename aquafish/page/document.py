@@ -9,18 +9,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
-from aquafish.page.program import HORIZON_SECONDS, page_file, program
+from aquafish.page.program import page_file, program
+from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.rendering import scene
+from aquafish_gym.rendering.course import TRAILS
 from aquafish_gym.rendering.replay import css, packed_library, web_file, whole_page
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import file_path
 
 TITLE = "Break the fish"
-GHOST_COLOUR = (120, 70, 200)  # the live viewer's
-FISH_COLOUR = (0, 114, 178)
+MUTED = "#5b7485"  # of what is less important
 FEWEST_FRAMES = 40  # a second; with fewer, the page draws without shadows, then coarser
 FASTEST_CURRENT = 1.0  # units/s: faster than the fish
 #: Words of damage -> what they say of a fin; # is the number in percent.
@@ -63,10 +64,20 @@ def write_live_page(path: str | os.PathLike[str]) -> Path:
 
 def live_page() -> str:
     """Return the page in which the fish swims, breaks and swims on, as HTML."""
+    colours = {
+        "water": css(scene.WATER_ABOVE),
+        "sand": css(scene.SAND),
+        "grid": css(scene.GRID),
+        "ink": css(scene.INK),
+        "fish": css(TRAILS[0]),
+        "belief": css(scene.BELIEF),
+        "broken": css(scene.BROKEN_FIN),
+        "muted": MUTED,
+    }
     data = {
         "timestep": TIMESTEP,
         "cmPerUnit": scene.CM_PER_UNIT,
-        "horizon": HORIZON_SECONDS,
+        "horizon": GAIT_HORIZON_SECONDS,
         "partNumbers": scene.PART_NUMBERS,
         "rows": {name: FIELDS[name].start for name in ("orientation", "position")},
         "floor": scene.FLOOR_HEIGHT,
@@ -75,14 +86,7 @@ def live_page() -> str:
         "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
         "firstFin": scene.FIN_PARTS.start,
         "capsule": scene.CAPSULE[:2],
-        "colours": {
-            "water": css(scene.WATER_ABOVE),
-            "sand": css(scene.SAND),
-            "grid": css(scene.GRID),
-            "ink": css(scene.INK),
-            "fish": css(FISH_COLOUR),
-            "ghost": css(GHOST_COLOUR),
-        },
+        "colours": colours,
         "finWords": FIN_WORDS,
         "phrases": PHRASES,
         "breaks": BREAKS,
@@ -94,11 +98,12 @@ def live_page() -> str:
     body = Template(page_file("page.html")).substitute(
         title=TITLE,
         fins=fins,
-        seconds=f"{HORIZON_SECONDS:g}",
+        seconds=f"{GAIT_HORIZON_SECONDS:g}",
         current=f"{scene.CM_PER_UNIT * FASTEST_CURRENT:g}",
         data=json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"),
         library=packed_library(),
         program=program(),
         view=view,
     )
-    return whole_page(TITLE, body, page_file("page.css"), (program(), view), worker=True)
+    style = Template(page_file("page.css")).substitute(colours)
+    return whole_page(TITLE, body, style, (program(), view), worker=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 from aquafish.online.self_model import ERROR_SIZE
 from aquafish.page.facts import GAIT_SENSES, agent_facts
+from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym import code_generation
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import (
@@ -38,8 +39,6 @@ from aquafish_gym.physics.printing import JAVASCRIPT, printed, trace
 from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS, place_parts
 from aquafish_gym.sense import up_and_north
 from gait.controllers.network import put_inputs
-
-HORIZON_SECONDS = 20.0  # for which the fish compares gaits; the live viewer's, too
 
 
 def place_fish(sizes: Any, broken: Any, state: Any, parts: Any) -> None:
@@ -113,7 +112,7 @@ _FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
 
 
 @cache
-def program(seconds: float = HORIZON_SECONDS) -> str:
+def program(seconds: float = GAIT_HORIZON_SECONDS) -> str:
     """Return the JavaScript of the fish and its agent, which compares gaits for some seconds.
 
     It defines ``FACTS``, the printed functions, and what ``agent.js`` does. The page and its worker

@@ -124,7 +124,7 @@ function live(host, data, three) {
   const orbit = new three.OrbitControls(camera, renderer.domElement);
   const [wide, long] = data.capsule;
   const fish = addFish(three, scene, wide, long, colours.fish);
-  const ghost = addFish(three, scene, wide, long, colours.ghost);
+  const ghost = addFish(three, scene, wide, long, colours.belief);
   const sun = addLight(three, renderer, scene, colours.water, 14);
   const sand = addFloor(three, renderer, scene, data.grid, colours);
   const trail = addTrail(three, scene, colours.fish, 1000);
@@ -322,7 +322,7 @@ function live(host, data, three) {
     fish.body.position.copy(place);
     draw(ghost, agent.model.robot, swim.ghost);
     ghost.body.position.copy(place).add(beside);
-    for (const { material } of ghost.parts) material.color.set(colours.ghost);
+    for (const { material } of ghost.parts) material.color.set(colours.belief);
     floor = Math.min(floor, place.z - data.clearance);
     const tile = data.grid[1]; // the floor follows by whole tiles, so that its lines stay
     sand.position.set(tile * Math.round(place.x / tile), tile * Math.round(place.y / tile), floor);
@@ -448,7 +448,7 @@ function live(host, data, three) {
     const from = swim.seconds - 20;
     const x = (seconds) => ((seconds - from) / 20) * width;
     if (swim.brokenAt !== null) {
-      pen.fillStyle = "#facc15";
+      pen.fillStyle = colours.broken;
       pen.fillRect(x(swim.brokenAt) - 1.5, 0, 3, 3 * row);
     }
     ["pitch", "roll", "yaw"].forEach((name, axis) => {
@@ -466,9 +466,9 @@ function live(host, data, three) {
         }
         pen.stroke();
       };
-      line("expected", colours.ghost, 3);
+      line("expected", colours.belief, 3);
       line("felt", colours.ink, 1.2);
-      pen.fillStyle = "#5b7485";
+      pen.fillStyle = colours.muted;
       pen.font = "11px system-ui, sans-serif";
       pen.fillText(name, 2, middle - 0.3 * row);
     });

@@ -40,7 +40,6 @@ GHOST_DISTANCE = 3.5  # the ghost is drawn this far to the right of the fish
 TRACE_UPDATES = 200  # that the gyroscope's traces show
 TRAIL_UPDATES = 400  # that a trail shows
 TEXT_UPDATES = 4  # updates between those of text, traces and trails
-GHOST_COLOUR = (120, 70, 200)
 ARROW_COLOUR = (230, 120, 0)
 TRAIL_COLOUR = (0, 90, 140)
 AXIS_COLOURS = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
@@ -118,8 +117,8 @@ class Viewer:
         self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
         self._clickable[self.robots.boxes.name] = self.swim.count * len(BOXES)
-        self.ghost = Shapes(api, "/world/ghost", alike, GHOST_COLOUR, 0.5)
-        self.samples = Shapes(api, "/world/samples", samples, GHOST_COLOUR, 0.12)
+        self.ghost = Shapes(api, "/world/ghost", alike, scene.BELIEF, 0.5)
+        self.samples = Shapes(api, "/world/samples", samples, scene.BELIEF, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
         self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
         nothing = np.zeros((4, 2, 3), np.float32)

@@ -34,6 +34,7 @@ MOUNT: Colour = (97, 102, 110)
 FIN: Colour = (219, 31, 26)
 BROKEN_FIN: Colour = (250, 204, 21)
 BREAK: Colour = (20, 20, 24)  # edge of a break
+BELIEF: Colour = (120, 70, 200)  # a robot as it believes itself to be
 WATER_ABOVE: Colour = (226, 243, 249)
 WATER_BELOW: Colour = (165, 214, 233)
 SAND: Colour = (146, 199, 217)

@@ -17,7 +17,8 @@ from aquafish.online.gaits import imagine, load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, damage_text
 from aquafish.online.self_model import moved, state_errors
 from aquafish.page.facts import GYRO_NOISE, effects
-from aquafish.page.program import HORIZON_SECONDS, move, place_fish, program, state_error
+from aquafish.page.program import move, place_fish, program, state_error
+from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
@@ -37,7 +38,7 @@ IN_A_ROW = (
 )
 
 
-def run_node(code: str, given: object, seconds: float = HORIZON_SECONDS) -> Any:
+def run_node(code: str, given: object, seconds: float = GAIT_HORIZON_SECONDS) -> Any:
     """Return what a program prints that follows the page's, which looks so far ahead, as JSON."""
     node = shutil.which("node")
     if node is None:
