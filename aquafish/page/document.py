@@ -94,7 +94,7 @@ def live_page() -> str:
     fins = "\n".join(
         f'<option value="{i}">{html.escape(FIN_WORDS[fin])}</option>' for i, fin in enumerate(FINS)
     )
-    view = web_file("scene.js") + page_file("view.js")
+    view = web_file("scene.js") + page_file("panel.js") + page_file("view.js")
     body = Template(page_file("page.html")).substitute(
         title=TITLE,
         fins=fins,

@@ -356,22 +356,13 @@ function live(host, data, three) {
     trail.count = Math.max(trail.count, at + 1);
   }
 
-  // Returns faults in words: "my tail is seized and my left flipper is missing".
-  function sentence(faults, whose = "my ") {
-    const said = faults.map(({ fin, word, number }) => {
-      const phrase = data.phrases[word].replace("#", `${Math.round(100 * number)}%`);
-      return `${whose}${data.finWords[fin]} ${phrase}`;
-    });
-    return said.join(" and ") || (whose ? "I am whole" : "whole");
-  }
-
   function thought() {
     const { agent } = swim;
     const { what } = agent.events.at(-1) ?? {};
     if (what === "noticed") return "I do not turn as I should. Something is wrong with me. What?";
     if (what === "unknown")
       return "Something is wrong with me, and none of my ideas explains what I feel.";
-    const words = sentence(swim.belief);
+    const words = sentenceOf(swim.belief, data, "my ");
     const far = Math.round(data.cmPerUnit * Math.max(...agent.far));
     const gait = Number.isFinite(far)
       ? ` I swim gait ${agent.swimming.gait + 1}, which should take me ${far} cm in ${data.horizon} s.`
@@ -398,79 +389,9 @@ function live(host, data, three) {
     host.dataset.truth = wordsOf(swim.truth);
     host.dataset.belief = wordsOf(swim.belief);
     if (swim.steps % FACTS.hold < 10) {
-      writeBeliefs(agent.alternatives);
-      writeGaits(agent);
-      drawGyro();
+      writeBeliefs(find(".beliefs"), agent.alternatives, (faults) => sentenceOf(faults, data, ""));
+      writeGaits(find(".gaits"), agent, data.cmPerUnit);
+      drawGyro(find(".gyro"), swim, colours);
     }
-  }
-
-  function writeBeliefs(alternatives) {
-    const weights = new Map(); // by what it has become
-    for (const { robot, weight } of alternatives) {
-      const words = sentence(faultsOf(robot), "");
-      weights.set(words, (weights.get(words) ?? 0) + weight);
-    }
-    const shown = [...weights].filter(([, weight]) => weight >= 0.005).slice(0, 3);
-    const rows = shown.map(([words, weight]) => {
-      const row = document.createElement("li");
-      const bar = document.createElement("i");
-      bar.style.width = `${100 * weight}%`;
-      row.append(bar);
-      addText(row, "", words);
-      addText(row, "", `${Math.round(100 * weight)}%`);
-      return row;
-    });
-    find(".beliefs").replaceChildren(...rows);
-  }
-
-  function writeGaits({ far, swimming }) {
-    const most = Math.max(1, ...far);
-    const bars = far.map((distance, i) => {
-      const bar = document.createElement("i");
-      bar.style.height = `${100 * Math.max(0, distance / most)}%`;
-      bar.className = i === swimming.gait ? "swum" : "";
-      bar.title = `gait ${i + 1}: ${Math.round(data.cmPerUnit * distance)} cm`;
-      return bar;
-    });
-    find(".gaits").replaceChildren(...bars);
-  }
-
-  // Draws what the gyroscope felt in the last 20 s, and what the fish expected.
-  function drawGyro() {
-    const canvas = find(".gyro");
-    const scale = Math.min(2, devicePixelRatio);
-    canvas.width = canvas.clientWidth * scale;
-    canvas.height = canvas.clientHeight * scale;
-    const pen = canvas.getContext("2d");
-    pen.scale(scale, scale);
-    const width = canvas.clientWidth;
-    const row = canvas.clientHeight / 3;
-    const from = swim.seconds - 20;
-    const x = (seconds) => ((seconds - from) / 20) * width;
-    if (swim.brokenAt !== null) {
-      pen.fillStyle = colours.broken;
-      pen.fillRect(x(swim.brokenAt) - 1.5, 0, 3, 3 * row);
-    }
-    ["pitch", "roll", "yaw"].forEach((name, axis) => {
-      const middle = (axis + 0.5) * row;
-      const most = Math.max(
-        0.5,
-        ...swim.felt.flatMap((one) => [Math.abs(one.felt[axis]), Math.abs(one.expected[axis])]),
-      );
-      const line = (which, colour, thick) => {
-        pen.strokeStyle = colour;
-        pen.lineWidth = thick;
-        pen.beginPath();
-        for (const one of swim.felt) {
-          pen.lineTo(x(one.seconds), middle - (one[which][axis] / most) * 0.46 * row);
-        }
-        pen.stroke();
-      };
-      line("expected", colours.belief, 3);
-      line("felt", colours.ink, 1.2);
-      pen.fillStyle = colours.muted;
-      pen.font = "11px system-ui, sans-serif";
-      pen.fillText(name, 2, middle - 0.3 * row);
-    });
   }
 }

@@ -22,3 +22,12 @@ function faultsOf({ sizes, gain }) {
 }
 
 const wordsOf = (faults) => faults.map(({ fin, word }) => `${fin}:${word}`).join("; ");
+
+// Returns faults as people say them: "my tail is seized and my left flipper is missing".
+function sentenceOf(faults, { phrases, finWords }, whose) {
+  const said = faults.map(({ fin, word, number }) => {
+    const phrase = phrases[word].replace("#", `${Math.round(100 * number)}%`);
+    return `${whose}${finWords[fin]} ${phrase}`;
+  });
+  return said.join(" and ") || (whose ? "I am whole" : "whole");
+}
