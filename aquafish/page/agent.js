@@ -392,8 +392,8 @@ class Agent {
     this.choice.found = null;
     this.far = far.slice(0, -1);
     const best = this.far.indexOf(Math.max(...this.far));
-    if (this.far[best] <= far.at(-1)) return;
-    this.swimming = begin(best);
-    this.log("changed");
+    const better = this.far[best] > far.at(-1);
+    if (better) this.swimming = begin(best);
+    this.log(better ? "changed" : "kept");
   }
 }

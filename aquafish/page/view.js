@@ -382,9 +382,12 @@ function live(host, data, three) {
     const since = (what) =>
       agent.events.find((one) => brokenAt !== null && one.seconds >= brokenAt && one.what === what);
     const times = [since("noticed")?.seconds, knewAt, since("changed")?.seconds];
+    const keeps = (one) => one.what === "kept" && one.seconds >= knewAt;
+    const kept = knewAt !== null && agent.events.some(keeps);
     [...host.querySelectorAll("dd")].forEach((element, i) => {
       const time = times[i] ?? null;
-      setText(element, time === null ? "–" : `${(time - brokenAt).toFixed(1)} s`);
+      const none = kept && i === 2 ? "the same" : "–";
+      setText(element, time === null ? none : `${(time - brokenAt).toFixed(1)} s`);
     });
     host.dataset.truth = wordsOf(swim.truth);
     host.dataset.belief = wordsOf(swim.belief);
