@@ -31,6 +31,7 @@ from aquafish_gym.utils.kernel_cache import (
     KernelCache,
     cache_folder,
     module_source,
+    module_values,
     why_nothing_is_kept,
 )
 
@@ -149,12 +150,13 @@ def _listen() -> None:
 
 
 def source_stamp(*functions: Any) -> str:
-    """Return a hash of the sources of the physics, of this file and of ``functions``.
+    """Return a hash of the physics, of this file and of the modules of ``functions``.
 
     It includes all that they import from their packages, because compiled code freezes the
-    constants there, such as the servos' bounds. numba's cache watches only the file of the cached
-    function, but a function's closure is part of the cache's key. Kernels close over this stamp,
-    so none is older than its physics.
+    constants there, such as the servos' bounds. It covers the files, and the functions and
+    constants that this process has: a file may be edited after its import. numba's cache watches
+    only the file of the cached function, but a function's closure is part of the cache's key.
+    Kernels close over this stamp, so none is of other physics than the process that asks for it.
     """
     return _stamp(*(sys.modules[function.__module__] for function in functions))
 
@@ -163,17 +165,18 @@ def _stamp(*modules: ModuleType) -> str:
     """Return :func:`source_stamp` for modules."""
     todo = [*PHYSICS_MODULES, sys.modules[__name__], *modules]
     packages = {m.__name__.partition(".")[0] for m in todo}
-    sources: dict[str, bytes] = {}
+    stamps: dict[str, bytes] = {}
     while todo:
         module = todo.pop()
-        if getattr(module, "__file__", None) is None or module.__name__ in sources:
+        if getattr(module, "__file__", None) is None or module.__name__ in stamps:
             continue
-        source = sources[module.__name__] = module_source(module)
+        source = module_source(module)
+        stamps[module.__name__] = source + module_values(module)
         found = {name for name in _imported(source) if name.partition(".")[0] in packages}
         todo += [sys.modules[name] for name in found if name in sys.modules]
     digest = hashlib.sha256()
-    for name in sorted(sources):
-        digest.update(sources[name])
+    for name in sorted(stamps):
+        digest.update(stamps[name])
     return digest.hexdigest()
 
 

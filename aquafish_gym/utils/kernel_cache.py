@@ -11,15 +11,18 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import inspect
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -64,6 +67,59 @@ def module_source(module: Any) -> bytes:
     if loader is not None and hasattr(loader, "get_data"):
         return bytes(loader.get_data(name))
     return Path(name).read_bytes()
+
+
+def module_values(module: Any) -> bytes:
+    """Return a hash of what compiled code freezes of a module as it is in this process.
+
+    That is its numbers, arrays and functions. They differ from the file's if the file was edited
+    after the import, or if a program has set a constant.
+    """
+    digest = hashlib.sha256()
+    for name, value in sorted(vars(module).items()):
+        if not name.startswith("__"):
+            for text in _frozen(value, module.__name__, set()):
+                digest.update(f"{name} {text}\n".encode())
+    return digest.digest()
+
+
+def _frozen(value: Any, module: str, seen: set[int]) -> Iterator[str]:
+    """Yield texts of what compiled code may freeze of a value, the same in every process."""
+    value = inspect.unwrap(value) if callable(value) else value
+    if isinstance(value, bool | int | float | complex | np.generic):
+        yield repr(value)
+    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        yield f"{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    elif isinstance(value, tuple):
+        yield f"tuple {len(value)}"
+        for each in value:
+            yield from _frozen(each, module, seen)
+    elif inspect.isfunction(value) and id(value) not in seen:
+        seen.add(id(value))
+        yield _code_text(value.__code__)
+        yield from _frozen(value.__defaults__ or (), module, seen)
+        for cell in value.__closure__ or ():
+            with suppress(ValueError):  # an empty cell
+                yield from _frozen(cell.cell_contents, module, seen)
+    elif inspect.isclass(value) and value.__module__ == module and id(value) not in seen:
+        seen.add(id(value))
+        for name, member in sorted(vars(value).items()):
+            if not name.startswith("__"):
+                own = getattr(member, "__func__", member)  # of a static method
+                for text in _frozen(own, module, seen):
+                    yield f"{name} {text}"
+
+
+@functools.cache
+def _code_text(code: CodeType) -> str:
+    """Return a text of a function's code, without its place in a file."""
+    constants = [
+        _code_text(x)
+        if isinstance(x, CodeType)
+        else repr(sorted(map(repr, x)) if isinstance(x, frozenset) else x)
+        for x in code.co_consts
+    ]
+    return repr((code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars))
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]

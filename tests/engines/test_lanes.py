@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 import pathlib
 import subprocess
@@ -89,6 +90,47 @@ def test_a_kernel_stays_valid_when_functions_import_more(monkeypatch: pytest.Mon
     for module in lazy:
         monkeypatch.delitem(sys.modules, module)
         assert compiling.source_stamp(compile_kernel) == stamp
+
+
+def test_a_kernel_is_tied_to_the_constants_that_a_program_has_set(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Otherwise all later programs load a kernel of one program's constants."""
+    before = compiling.source_stamp()
+    monkeypatch.setattr(hydrodynamics, "NORMAL_DRAG", 1.5)
+    assert compiling.source_stamp() != before
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "LIMIT = {}\ndef f(x): return x + LIMIT",
+        "def f(x): return x + {}",
+        "def f(x, y={}): return x + y",
+        "class Task:\n    @staticmethod\n    def act(x): return x + {}\ndef f(x): return x",
+        "def outer(k):\n    def f(x): return x + k\n    return f\nf = outer({})",
+    ],
+)
+def test_a_kernel_is_tied_to_the_sources_that_were_imported(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    """A file may be edited between its import and the first call of a kernel."""
+    path = tmp_path / "edited_physics.py"
+    path.write_text(source.format("1.25"))
+    spec = importlib.util.spec_from_file_location("edited_physics", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "edited_physics", module)
+    spec.loader.exec_module(module)
+    path.write_text(source.format("2.75"))
+    os.utime(path, ns=(0, 0))  # so that no bytecode of the first is taken for the second's
+    before = compiling.source_stamp(module.f)
+    spec.loader.exec_module(module)
+    after = compiling.source_stamp(module.f)
+    assert before != after, "a kernel of the imported functions counts as one of the edited file"
+    spec.loader.exec_module(module)
+    assert compiling.source_stamp(module.f) == after
 
 
 SCRIPT = """
