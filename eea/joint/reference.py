@@ -6,7 +6,8 @@ session to session, between which it is repaired (:mod:`eea.statistics.random_ef
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from eea.core.config import FitConfig
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed, Trial
-from eea.joint.parameters import FIXED_PRECISION
+from eea.joint.parameters import FIXED_PRECISION, Parameters
 from eea.joint.problem import Prior
 from eea.joint.recorded import first_guess, infer, noise_left
 from eea.joint.robot_model import RobotModel
@@ -103,18 +104,16 @@ def learn(
     Raises
     ------
     ConfigurationError
-        If there are fewer than two logs, not as many labels as logs, or no session has the label
-        ``ongoing`` or two logs from which the spread within a session can be told.
+        If there are fewer than two logs, too few samples, not as many labels as logs, or no session
+        has the label ``ongoing`` or two logs from which the spread within a session can be told.
     """
     instance("robot", robot, RobotModel)
     if len(all_of("known_good", known_good, Trial)) < 2:
         raise ConfigurationError(f"known_good must be two logs or more; got {len(known_good)}")
-    labels = [0] * len(known_good) if sessions is None else list(sessions)
-    if len(labels) != len(known_good):
-        raise ConfigurationError(
-            f"sessions must be one label for each of {len(known_good)} logs; got {len(labels)}"
-        )
-    if ongoing is not None and (sessions is None or ongoing not in labels):
+    labels = _labels(sessions, len(known_good))
+    if ongoing is not None and (
+        sessions is None or not isinstance(ongoing, Hashable) or ongoing not in labels
+    ):
         raise ConfigurationError(
             f"ongoing must be one of the labels in sessions; got {brief(ongoing)}"
         )
@@ -127,7 +126,15 @@ def learn(
     effort = replace(config, alternatives="never")
     robot = replace(robot, nuisances=robot.nuisance_list)  # whose ranges the hypotheses widen
     whole = replace(robot, hypotheses=())
-    noise = first_guess(robot, Observed.of(known_good, robot))
+    observed = Observed.of(known_good, robot)
+    groups = robot.groups if config.nuisances is None else config.nuisances
+    unknowns = Parameters.of(whole, 1, groups, whole.nominal).unknowns
+    if observed.size <= len(known_good) * unknowns:
+        raise ConfigurationError(
+            f"known_good must have more samples than the {unknowns} unknowns of each of "
+            f"{len(known_good)} logs, or the noise cannot be told; got {observed.size}"
+        )
+    noise = first_guess(robot, observed)
     for _ in range(ROUNDS):
         fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
         noise = noise_left([one.optima for one in fits])
@@ -137,6 +144,24 @@ def learn(
     fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
     misfits = np.array([_misfit(one.optima) for one in fits])
     return Reference(replace(robot, prior=later), noise, misfits)
+
+
+def _labels(sessions: Sequence[object] | None, count: int) -> list[object]:
+    """Return the sessions' labels, which can be told from one another and are not missing."""
+    if sessions is None:
+        return [0] * count
+    labels = []
+    with suppress(TypeError, ValueError):  # of no series, or of labels that cannot be compared
+        for label in () if isinstance(sessions, Mapping | Set) else sessions:
+            hash(label)
+            if label is not None and label == label:  # NaN is a missing one
+                labels.append(label)
+    if len(labels) != count:
+        raise ConfigurationError(
+            f"sessions must be one label for each of {count} logs, such as a number or a text; "
+            f"got {brief(sessions)}"
+        )
+    return labels
 
 
 class LogFit(NamedTuple):

@@ -17,6 +17,7 @@ BETWEEN, WITHIN = 0.05, 0.02  # sd of the gain, in its unit
 EFFORT = replace(QUICK, bodies=2, poses=1, descents=1, alternatives="never")
 HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
 SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Normal(0.0, 0.5)}, odds=0.1)
+ONE_ROW = Trial([[1.0, 1.0]], PUSH[:1])
 ROBOT = replace(SOUGHT, hypotheses=[HEAVIER, SENSOR_OFF])
 
 
@@ -177,7 +178,16 @@ def test_a_log_is_judged_by_how_well_known_good_ones_are_explained():
     [
         ({"known_good": []}, "known_good must be two logs or more; got 0"),
         ({"known_good": 3}, "known_good must be a tuple of type Trial; got 3"),
-        ({"sessions": ["a"]}, "sessions must be one label for each of 2 logs; got 1"),
+        ({"known_good": [ONE_ROW, ONE_ROW]}, "known_good must have more samples than the"),
+        ({"sessions": ["a"]}, "sessions must be one label for each of 2 logs, such as"),
+        ({"sessions": 3}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": {"a", "b"}}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": {"log 1": "a", "log 2": "a"}}, "sessions must be one label for each"),
+        ({"sessions": ["a", None]}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": np.array([1.0, np.nan])}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": [[1], [1]]}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": np.ones((2, 2))}, "sessions must be one label for each of 2 logs"),
+        ({"sessions": [1, 1], "ongoing": np.ones(2)}, "ongoing must be one of the labels"),
         ({"config": 3}, "config must be of type FitConfig; got 3"),
     ],
 )
