@@ -55,7 +55,8 @@ def choice(argument: str, value: object, choices: Iterable[str]) -> None:
     said = value[:80] if isinstance(value, str) else ""
     close = difflib.get_close_matches(said, known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    _require(False, argument, f"one of {', '.join(known)}", value, hint)
+    expected = f"one of {', '.join(known)}" if known else "left out, as there is none"
+    _require(False, argument, expected, value, hint)
 
 
 def flag(argument: str, value: object) -> None:

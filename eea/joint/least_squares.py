@@ -115,7 +115,8 @@ class Misfit:
     def linearise(self, theta: Floats) -> Linear:
         """Return the misfit near vectors (S, P), by forward differences.
 
-        The derivatives of a robot that diverged are zero.
+        They are backward where only the robot ahead diverged. The derivatives of a robot that
+        diverged itself are zero.
         """
         parameters = self.parameters
         free = self.free
@@ -123,11 +124,18 @@ class Misfit:
         high = np.where(self._entries == FIXED_SLOT, np.inf, parameters.high[self._entries])
         step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
         step *= self.precision.difference
-        moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
-        moved[:, :, np.arange(1, len(free) + 1), free] += step
-        rows = self.differences(moved, self._trials)
+        room = local[:, :, free] - self.precision.difference >= parameters.low[self._entries]
+        while True:
+            moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
+            moved[:, :, np.arange(1, len(free) + 1), free] += step
+            rows = self.differences(moved, self._trials)
+            with np.errstate(invalid="ignore", over="ignore"):
+                lost = ~np.isfinite(rows.sum(axis=-1))
+            back = lost[:, :, 1:] & ~lost[:, :, :1] & (step > 0.0) & room
+            if not back.any():
+                break
+            step[back] *= -1.0
         with np.errstate(invalid="ignore", over="ignore"):
-            lost = ~np.isfinite(rows.sum(axis=-1))
             slopes = np.subtract(rows[:, :, 1:], rows[:, :, :1], dtype=np.float64)
             slopes /= step[..., None]
         if lost.any():

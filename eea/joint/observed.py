@@ -22,6 +22,7 @@ from eea.statistics.noise import Noise, SlowBasis, Whitening, spectrum
 
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
+LARGEST_NUMBER = 1e100  # of a signal, in any unit: its square, summed and weighed, is finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,10 @@ class Trial:
                 "signal must have shape (samples, channels) and a finite sample; got shape "
                 f"{signal.shape}"
             )
-        if np.isinf(signal).any():
-            raise ConfigurationError("signal must be finite, or NaN where missing; got infinity")
+        if (loudest := np.nanmax(np.abs(signal))) > LARGEST_NUMBER:
+            raise ConfigurationError(
+                f"signal must be at most {LARGEST_NUMBER:g}, or NaN where missing; got {loudest:g}"
+            )
         object.__setattr__(self, "signal", signal)
         if self.inputs is not None:
             inputs = _numbers("inputs", self.inputs)

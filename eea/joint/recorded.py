@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, choice, instance, mapping, real, whole
+from eea.core.checks import ConfigurationError, choice, finite, instance, mapping, real, whole
 from eea.core.config import FitConfig
 from eea.core.session import MAXIMUM_SEED
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import FINE, LEAST_RELATIVE_SIGMA, Regression
-from eea.joint.observed import Observed, Trial
+from eea.joint.observed import LARGEST_NUMBER, Observed, Trial
 from eea.joint.parameters import Parameters
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
@@ -46,7 +46,8 @@ def infer(
     config
         Settings of the fit; None weighs all hypotheses.
     noise
-        The standard deviation of each channel's noise, by name, if it is known. None estimates it,
+        The standard deviation of each channel's noise, by name, if it is known, or the ``noise``
+        of another posterior or of a reference. None estimates it,
         and how neighbouring samples correlate, from what the best fit leaves: the trials are
         fitted again until it stays the same.
     usual, progress
@@ -76,7 +77,7 @@ def infer(
     _check_enough(robot.varying(config.per_trial), observed, config, noise is not None)
     rng = np.random.default_rng(seed)
     if noise is not None:
-        known = noise if isinstance(noise, Noise) else _given(noise, robot)
+        known = _given(noise, robot)
         config = replace(config, noise=1.0)  # times the channels' own
         return fit(
             replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
@@ -161,14 +162,17 @@ def first_guess(robot: RobotModel, observed: Observed) -> Noise:
     return Noise(np.array(spread), np.zeros(len(spread)))
 
 
-def _given(noise: Mapping[str, float], robot: RobotModel) -> Noise:
-    """Return known noise, by the channels' names, as it is reckoned with."""
+def _given(noise: Mapping[str, float] | Noise, robot: RobotModel) -> Noise:
+    """Return known noise, by the channels' names or as it was found, as it is reckoned with."""
+    if isinstance(noise, Noise):
+        each = (len(robot.channels),)
+        return Noise(*(finite(f"{n} of noise", getattr(noise, n), each) for n in noise._fields))
     mapping("noise", noise, numbers.Real)
     for name in noise:
         choice("noise", name, robot.channels)
     for name in robot.channels:
         if name not in noise:
             raise ConfigurationError(f"noise must be that of every channel; {name} has none")
-        real(f"noise of {name}", noise[name], 1e-300)
+        real(f"noise of {name}", noise[name], 1.0 / LARGEST_NUMBER)
     sd = np.array([float(noise[name]) for name in robot.channels])
     return Noise(sd, np.zeros(len(sd)))

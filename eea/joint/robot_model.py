@@ -275,6 +275,8 @@ def _as_nuisances(
     found = []
     for name, normal in given.items():
         text("the name of a nuisance", name)
+        if math.isfinite(normal.sd):  # the prior is about its mean
+            real(f"mean of {name}", normal.mean, normal.low, normal.high)
         reach = NUISANCE_RANGE_SDS * normal.sd
         for change in (moves[name] for moves in changes if name in moves):
             far = abs(change.mean) + NUISANCE_RANGE_SDS * math.hypot(normal.sd, change.sd)

@@ -19,6 +19,7 @@ from eea import (
     save_posterior,
 )
 from eea.core.checks import ConfigurationError, TargetError
+from eea.statistics.noise import Noise
 
 HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
 SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Normal(0.0, 0.5)}, odds=0.1)
@@ -63,8 +64,16 @@ def test_a_robot_needs_parameters_a_simulator_and_channels_only():
         ({"whole": {"gain": 3.0}}, "whole gain must be a finite number in [0, 2]; got 3.0"),
         ({"nuisances": {"bias": (0.0, 0.1)}}, "nuisances must be a mapping from names to Normal"),
         ({"nuisances": {"bias": Normal(0, np.inf)}}, "bias must have a finite range or spread"),
+        (
+            {"nuisances": {"bias": Normal(2, 1, low=-1, high=1)}},
+            "mean of bias must be a finite number in [-1, 1]; got 2",
+        ),
         ({"nuisances": {"gain": Normal(0, 1)}}, "names of their own; 'gain' is given twice"),
         ({"each_trial": ("bais",)}, "each_trial must be one of bias; got 'bais'"),
+        (
+            {"nuisances": (), "each_trial": ("bias",)},
+            "each_trial must be left out, as there is none; got 'bias'",
+        ),
         ({"hidden": "angle"}, "hidden must be a tuple of type str; got 'angle'"),
         ({"units": {"gian": "m"}}, "units must be one of gain, drag, bias; got 'gian'"),
         ({"hypotheses": HEAVIER}, "hypotheses must be a tuple of type Hypothesis"),
@@ -109,6 +118,16 @@ def test_a_number_is_fixed_or_moves():
         (None, {"noise": 0.1}, "noise must be a mapping from names to Real; got 0.1"),
         (None, {"noise": {"rat": 1.0}}, "noise must be one of rate, force; got 'rat'"),
         (None, {"noise": {"rate": 1.0}}, "noise must be that of every channel; force has none"),
+        (
+            None,
+            {"noise": {"rate": 1.0, "force": 1e-200}},
+            "force must be a finite number of at least",
+        ),
+        (
+            None,
+            {"noise": Noise(np.ones(1), np.zeros(1))},
+            "sd of noise must have shape (2,); got (1,)",
+        ),
         (None, {"config": 3}, "config must be of type FitConfig; got 3"),
         (None, {"config": FitConfig(noise=0.1)}, "noise is given by channel; got 0.1"),
         (None, {"seed": -1}, "seed must be a whole number"),
@@ -143,6 +162,34 @@ def test_a_simulator_that_never_stays_finite_is_named():
     robot = replace(CART, simulate=lambda values, push: np.nan * roll(values, push))
     with pytest.raises(TargetError, match="stays finite"):
         infer(robot, [measured(np.random.default_rng(0))])
+
+
+@pytest.mark.parametrize("most", [1.1, 1.2])
+def test_a_fit_beside_a_simulator_that_diverges_keeps_what_the_trials_tell(most):
+    """A derivative that is taken where a robot diverges does not make its number unknown."""
+
+    def grow(values, _):
+        signal = (values["rate"][:, None] * TIME)[:, :, None]
+        signal[values["rate"] > most] = np.nan
+        return signal
+
+    plant = Robot({"rate": (0.0, 2.0)}, grow, {"height": "cm"}, whole={"rate": 0.5})
+    signal = most * TIME + np.random.default_rng(0).normal(size=60)
+    found = plant.infer([Trial(signal[:, None])], noise={"height": 1.0})
+    _, low, high = found.broken("rate")
+    assert low < most
+    assert high - low < 0.5
+
+
+def test_numbers_whose_square_overflows_are_refused():
+    """Otherwise any robot explains them."""
+    refused(
+        "signal must be at most 1e+100, or NaN where missing; got 1e+300", lambda: Trial([[1e300]])
+    )
+    refused(
+        "signal must be at most 1e+100, or NaN where missing; got inf",
+        lambda: Trial([[-np.inf], [0.0]]),
+    )
 
 
 def test_a_simulator_may_go_on_for_longer_than_a_trial():
