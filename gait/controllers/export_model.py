@@ -29,7 +29,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
 from aquafish_gym.physics.printing import C99
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import flag
+from aquafish_gym.utils.validation import InvalidArgumentError, flag
 from gait.controllers.c_files import c_files, filled, wrapped, write_c_files
 from gait.controllers.network import OUTPUTS, Senses
 
@@ -76,9 +76,11 @@ def export_model(
     ------
     InvalidArgumentError
         If the file's name is no identifier of C followed by .c, if another file than an exported
-        one is there, or if one is not a body.
+        one is there, if one is not a body, or if there is none.
     """
     rows = body_array(bodies, "bodies")
+    if not len(rows):
+        raise InvalidArgumentError("bodies must be one or more; got none")
     flag("reactive", reactive)
     file, table = c_files("model", path)
     text = model_source(rows, file.stem, reactive)

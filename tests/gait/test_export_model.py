@@ -141,4 +141,6 @@ def test_a_wrong_export_is_refused(
 def test_what_is_no_body_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidArgumentError, match="bodies must"):
         export_model([[1.0] * 8], tmp_path / "fish.c")  # type: ignore[list-item]
+    with pytest.raises(InvalidArgumentError, match="bodies must be one or more; got none"):
+        export_model(np.empty((0, 9)), tmp_path / "fish.c")
     assert list(tmp_path.iterdir()) == []
