@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.online.self_model import SelfModel, imu_readings, predict
+from aquafish.online.self_model import SelfModel, imu_readings
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -86,12 +88,13 @@ def swim_ahead(
     Both are counted from now. A copy of the agent swims: it does not change itself.
     """
     swimmer = agent.copy()
-    state = model.state
-    states = [state]
+    lanes = LaneBatch(model.robot, threads=1)
+    lanes.states[:] = model.state[:, None]
+    states = [model.state]
     for _ in range(until):
-        action = act_in(swimmer, state).astype(float)
-        state = predict(model.robot, state, action[None], model.hold)[1][:, 0]
-        states.append(state)
+        action = act_in(swimmer, states[-1])
+        lanes.advance(scale_action(action[None]), model.hold)
+        states.append(lanes.states[:, 0].astype(np.float64))
     then = states[actions]
     y = FIELDS["position"].start + 1
-    return then, float(state[y] - then[y])
+    return then, float(states[-1][y] - then[y])
