@@ -206,11 +206,13 @@ class ErrorCalibration:
 
     def add(self, action: Floats, observed: Floats) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether it was the last."""
-        wanted = spelled((len(CHANNELS),))
+        wanted = (len(CHANNELS),)
         action = finite_array("action", action, (3,))
         observed = real_array("observed", observed, wanted)
-        if observed.shape != (len(CHANNELS),):
-            raise InvalidArgumentError(f"observed must have shape {wanted}; got {observed.shape}")
+        if observed.shape != wanted:
+            raise InvalidArgumentError(
+                f"observed must have shape {spelled(wanted)}; got {observed.shape}"
+            )
         past = self._past
         past.append((action, observed))
         self._step(action, observed)

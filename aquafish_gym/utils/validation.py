@@ -64,8 +64,8 @@ def finite_array(
     argument: str,
     value: ArrayLike,
     shape: Shape,
-    low: ArrayLike = -np.inf,
-    high: ArrayLike = np.inf,
+    low: ArrayLike | None = None,
+    high: ArrayLike | None = None,
     unit: str = "",
     flat: bool = False,
 ) -> NDArray[np.float64]:
@@ -74,14 +74,19 @@ def finite_array(
     With ``flat``, a batch of one may be given without its leading axis. Numbers as text, booleans,
     spans of time and masked entries are refused.
     """
-    array = real_array(argument, value, spelled(shape))
-    wanted = spelled(shape)
+    array = real_array(argument, value, shape)
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
     if not fits(array.shape, shape):
-        raise InvalidArgumentError(f"{argument} must have shape {wanted}; got {array.shape}")
+        raise InvalidArgumentError(
+            f"{argument} must have shape {spelled(shape)}; got {array.shape}"
+        )
     if not np.isfinite(array).all():
         raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
+    if low is None and high is None:
+        return array
+    low = -np.inf if low is None else low
+    high = np.inf if high is None else high
     outside = np.less(array, low) | np.greater(array, high)
     if outside.any():
         lows = np.broadcast_to(low, array.shape)
@@ -95,16 +100,18 @@ def finite_array(
     return array
 
 
-def real_array(argument: str, value: object, wanted: str) -> NDArray[np.float64]:
+def real_array(argument: str, value: object, wanted: Shape | str) -> NDArray[np.float64]:
     """Return ``value`` as a new float64 array; entries may be NaN or infinite.
 
-    Anything but numbers raises InvalidArgumentError with the ``wanted`` shape in words.
+    Anything but numbers raises InvalidArgumentError with the ``wanted`` shape, which may be given
+    in words.
     """
     try:
         return _real(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
+        words = wanted if isinstance(wanted, str) else spelled(wanted)
         raise InvalidArgumentError(
-            f"{argument} must be numbers of shape {wanted}; got {brief(value)}"
+            f"{argument} must be numbers of shape {words}; got {brief(value)}"
         ) from None
 
 
