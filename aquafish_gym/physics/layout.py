@@ -156,7 +156,7 @@ def robot_parameters(
     ``fin_density`` (B,) multiplies the fins' mass.
     """
     batch = len(morphologies)
-    fins, body = np.moveaxis(np.asarray(drag, dtype=np.float64), -1, 0)
+    fins, body = np.asarray(drag, dtype=np.float64).T
     table = np.empty((ROBOT_ROWS, batch))
     table[-1] = body
     rows = table[:-1].reshape(3, FIN_ROWS, batch).transpose(1, 0, 2)
@@ -197,7 +197,7 @@ def start_rows(
     rows = np.zeros((STATE_ROWS, len(fin_angles)))
     rows[ORIENTATION + 3] = 1.0
     for name, value in (("velocity", velocity), ("spin", spin), ("rates", rates)):
-        rows[FIELDS[name]] = np.broadcast_to(value, fin_angles.shape).T
+        rows[FIELDS[name]].T[:] = value
     rows[_COSINES] = np.cos(fin_angles).T
     rows[_SINES] = np.sin(fin_angles).T
     return rows
