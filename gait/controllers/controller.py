@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -169,10 +168,11 @@ class Controller:
         check_order(numbers[:, :, len(self.senses.names) :], self.layers)
         for array in (numbers, biases):
             array.setflags(write=False)
+        shared = vars(self)
         found = []
         for own_weights, own_bias, own_clock in zip(numbers, biases, clocks.tolist(), strict=True):
-            one = copy.copy(self)
-            vars(one).update(weights=own_weights, bias=own_bias, clock=own_clock)
+            one = object.__new__(type(self))
+            vars(one).update(shared, weights=own_weights, bias=own_bias, clock=own_clock)
             found.append(one)
         return found
 
@@ -338,7 +338,7 @@ def check_controllers(controllers: Sequence[Controller]) -> list[Controller]:
 
 def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
     """Return a program of P Q robots for P controllers of one kind, each in Q swims in a row."""
-    if len({c.kind for c in controllers}) != 1:
+    if not controllers or any(c.kind != controllers[0].kind for c in controllers):
         raise InvalidArgumentError("controllers must be one or more of one kind")
     first = controllers[0]
     nodes = max(c.nodes for c in controllers)
@@ -360,9 +360,9 @@ def _genes(controllers: Sequence[Controller], memory: bool) -> NDArray[np.float6
     inputs = len(first.senses.names)
     nodes = first.nodes
     table = np.empty((nodes, 2 + inputs + nodes, len(controllers)))
-    table[:, 0] = np.stack([c.bias for c in controllers], axis=-1)
-    table[:, 1] = np.stack([c.response for c in controllers], axis=-1)
-    table[:, 2:] = np.stack([c.weights for c in controllers], axis=-1)
+    table[:, 0] = np.transpose([c.bias for c in controllers])
+    table[:, 1] = np.transpose([c.response for c in controllers])
+    table[:, 2:] = np.moveaxis(np.array([c.weights for c in controllers]), 0, -1)
     rows = [np.array([[c.clock for c in controllers]])]
     for begin, end in pairwise((0, *first._ends)):
         sources = inputs + (nodes if memory else begin)

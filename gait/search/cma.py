@@ -67,10 +67,10 @@ class Strategy:
     def ask(self) -> Proposal:
         """Return a generation drawn from the distribution, and at times its mean."""
         self._vectors: list[NDArray[np.float64]] = self._strategy.ask()
-        finalists: list[Controller] = []
-        if self._generation % FINALS_EVERY == 0:
-            finalists = self._build(np.array([self._strategy.mean]))
-        return Proposal(self._build(np.array(self._vectors)), finalists)
+        count = len(self._vectors)
+        final = [self._strategy.mean] if self._generation % FINALS_EVERY == 0 else []
+        built = self._build(np.array([*self._vectors, *final]))
+        return Proposal(built[:count], built[count:])
 
     def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
         """Update the distribution."""
@@ -87,7 +87,7 @@ def tuner(
     template = Template.like(first)
     return Strategy(
         template.vector(first),
-        lambda vectors: template.controllers(vectors, first.clock, first.morphology, first.seed),
+        lambda vectors: template.controllers(vectors, first),
         population,
         rng,
         sigma,

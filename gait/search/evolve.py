@@ -214,10 +214,11 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
         return cma.tuner(mine, plan.population, rng, cma.REFINING)
     if plan.search == "cma":
         template = Template.of_class(plan.controller, plan.senses, plan.hidden, config.interval)
+        silent = template.silent(plan.clock, body, config.seed)
         rng = np.random.default_rng(stream(config.seed, 6))
         turns = cma.multistart(
             template.random(plan.random_candidates, rng),
-            lambda vectors: template.controllers(vectors, plan.clock, body, config.seed),
+            lambda vectors: template.controllers(vectors, silent),
             plan.population,
             plan.restarts,
             config.poses,

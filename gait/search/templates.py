@@ -84,23 +84,14 @@ class Template:
     def controller(
         self, vector: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
     ) -> Controller:
-        """Return the controller of one vector, as of :meth:`controllers`."""
-        return self.controllers(vector[None], clock, morphology, seed)[0]
+        """Return the controller of one vector, as of :meth:`silent` and :meth:`controllers`."""
+        return self.controllers(vector[None], self.silent(clock, morphology, seed))[0]
 
-    def controllers(
-        self, vectors: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
-    ) -> list[Controller]:
-        """Return the controllers of vectors (P, size), where ``clock`` is the initial one, in Hz.
-
-        A vector's own clock stays within :data:`CLOCK_OCTAVES` of it.
-        """
-        nodes = len(self.free)
-        weights = np.zeros((len(vectors), *self.free.shape))
-        weights[:, self.free] = vectors[:, 1 + nodes :]
-        octaves = np.clip(vectors[:, 0], -CLOCK_OCTAVES, CLOCK_OCTAVES)
-        silent = Controller(
+    def silent(self, clock: float, morphology: Morphology, seed: int) -> Controller:
+        """Return the controller of this class whose free numbers are 0; ``clock`` is in Hz."""
+        return Controller(
             weights=np.zeros(self.free.shape),
-            bias=np.zeros(nodes),
+            bias=np.zeros(len(self.free)),
             response=self.response,
             clock=clock,
             morphology=morphology,
@@ -110,6 +101,17 @@ class Template:
             output=self.output,
             interval=self.interval,
         )
+
+    def controllers(self, vectors: NDArray[np.float64], first: Controller) -> list[Controller]:
+        """Return the controllers of vectors (P, size), with the body and seed of ``first``.
+
+        That is of this class, and its clock is the initial one: a vector's own clock stays within
+        :data:`CLOCK_OCTAVES` of it.
+        """
+        nodes = len(self.free)
+        weights = np.zeros((len(vectors), *self.free.shape))
+        weights[:, self.free] = vectors[:, 1 + nodes :]
+        octaves = np.clip(vectors[:, 0], -CLOCK_OCTAVES, CLOCK_OCTAVES)
         # Powers one by one: numpy's differ in the last digit between processors.
-        clocks = [clock * 2.0**octave for octave in octaves.tolist()]
-        return silent.variants(weights, vectors[:, 1 : 1 + nodes], clocks)
+        clocks = [first.clock * 2.0**octave for octave in octaves.tolist()]
+        return first.variants(weights, vectors[:, 1 : 1 + nodes], clocks)

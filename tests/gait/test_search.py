@@ -39,7 +39,8 @@ def test_cma_climbs_a_hill() -> None:
     template = Template.of_class("linear", Senses(), 0)
     rng = np.random.default_rng(3)
     peak = np.where(template.free, rng.normal(size=template.free.shape), 0.0)
-    build = lambda vectors: template.controllers(vectors, 0.7, BODY, 0)  # noqa: E731
+    silent = template.silent(0.7, BODY, 0)
+    build = lambda vectors: template.controllers(vectors, silent)  # noqa: E731
     finals = climb(Relay(multistart(template.random(50, rng), build, 24, 6, 6, rng)), peak, 1201)
     assert finals[0] < -5.0
     assert finals[-1] > -0.01
