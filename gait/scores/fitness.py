@@ -152,7 +152,9 @@ def swim_scores(
             raise InvalidArgumentError(f"{name} has no effect on an episode, which has its own")
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
-    bodies, poses = pair_swims(morphologies, fin_angles)
+    sizes = body_array(morphologies)
+    angles = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+    bodies, poses = pair_swims(sizes, angles)
     swims = len(poses)
     program = program_of(controllers, swims)
     rngs = [np.random.default_rng(seed + q) for q in range(swims)]

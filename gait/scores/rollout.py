@@ -173,35 +173,40 @@ def swim_all(
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     state = None if start is None else check_state(start)
-    bodies, poses = pair_swims(morphologies, fin_angles)
+    sizes = body_array(morphologies)
+    given = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+    bodies, poses = pair_swims(sizes, given)
     if state is not None:
-        bodies, poses = pair_swims(morphologies, _only_pose(state, poses))
+        bodies, poses = pair_swims(sizes, _only_pose(state, poses))
     swims = len(poses)
     time = step_count(seconds) * TIMESTEP
     kind = np.dtype(one_of("dtype", dtype, ("float32", "float64"))).type
-    angles = _for_each_swim("believed", poses if believed is None else believed, swims)
-    known = world.servo_gain if believed_gain is None else believed_gain
-    gains = _for_each_swim("believed_gain", known, swims)
+    angles = None if believed is None else _for_each_swim("believed", believed, swims)
+    gains = None
+    if believed_gain is not None:
+        gains = _for_each_swim("believed_gain", believed_gain, swims)
     sensing = not controllers or any(controller.senses.fins for controller in controllers)
     refuse_unused(sensing, "believed", believed)
     refuse_unused(sensing, "believed_gain", believed_gain)
     distances = np.empty((len(controllers), swims))
     if not distances.size:
         return distances
-    scenario = world.edit(Scenario.fill({"body": bodies, "fin_angles": poses}))
     first_y = 0.0 if state is None else state[FIELDS["position"]][1]
     for those in _by_kind(controllers):
-        rows = np.tile(np.arange(swims), len(those))
+        all_swims = (len(those), 1)
+        robots = Scenario.fill(
+            {"body": np.tile(bodies, all_swims), "fin_angles": np.tile(poses, all_swims)}
+        )
         found = rollout(
             program_of([controllers[i] for i in those], swims),
-            scenario.take(rows),
+            world.edit(robots),
             seconds=time,
-            believed=angles[rows],
-            believed_gain=gains[rows],
+            believed=None if angles is None else np.tile(angles, all_swims),
+            believed_gain=world.servo_gain if gains is None else np.tile(gains, all_swims),
             dtype=kind,
             threads=threads,
             substeps=world.substeps,
-            start=None if state is None else np.repeat(state[:, None], len(rows), axis=1),
+            start=None if state is None else np.repeat(state[:, None], len(robots), axis=1),
         )
         far = found.end[:, 1] - first_y - world.current[1] * time
         distances[those] = far.reshape(len(those), swims)
@@ -221,10 +226,8 @@ def check_state(start: ArrayLike) -> Floats:
     return finite_array("start", start, (STATE_ROWS,))
 
 
-def pair_swims(morphologies: MorphologiesLike, fin_angles: ArrayLike) -> tuple[Floats, Floats]:
-    """Return bodies (Q, 9) and poses (Q, 3) of Q swims; one of either is for all."""
-    bodies = body_array(morphologies)
-    poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+def pair_swims(bodies: Floats, poses: Floats) -> tuple[Floats, Floats]:
+    """Return bodies (Q, 9) and poses (Q, 3) of Q swims, where one of either was for all."""
     swims = len(bodies) if len(poses) == 1 else len(poses)
     if len(bodies) not in (1, swims):
         raise InvalidArgumentError(
