@@ -253,9 +253,12 @@ class ErrorCalibration:
         """
         if self.unknown:
             return observed
-        surprise = np.min([model.surprise(observed) for model in self._models], axis=0)
         before = self._surprising
-        self._surprising = surprise > GLITCH_SDS
+        self._surprising = np.ones(len(CHANNELS), np.bool_)
+        for model in reversed(self._models):  # that of the largest error is surprised least
+            self._surprising &= model.surprise(observed) > GLITCH_SDS
+            if not self._surprising.any():
+                break
         return np.where(self._surprising & ~before, np.nan, observed)
 
     def finish(self) -> tuple[SurpriseMonitor, Floats]:
