@@ -22,7 +22,7 @@ from aquafish_gym.utils.validation import file_path
 
 TITLE = "Break the fish"
 MUTED = "#5b7485"  # of what is less important
-FEWEST_FRAMES = 40  # a second; with fewer, the page draws without shadows, then coarser
+FEWEST_FRAMES = 34  # a second; with fewer, the page draws without shadows, then coarser
 FASTEST_CURRENT = 1.0  # units/s: faster than the fish
 #: Words of damage -> what they say of a fin; # is the number in percent.
 PHRASES = {

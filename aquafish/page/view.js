@@ -118,7 +118,7 @@ function live(host, data, three) {
   const stage = find(".stage");
   const menu = find(".menu");
   const inputs = Object.fromEntries([...host.querySelectorAll("[name]")].map((e) => [e.name, e]));
-  const renderer = new three.WebGLRenderer({ antialias: true });
+  const renderer = makeRenderer(three);
   const scene = new three.Scene();
   const camera = new three.PerspectiveCamera(35, 1, 1, 400);
   const orbit = new three.OrbitControls(camera, renderer.domElement);

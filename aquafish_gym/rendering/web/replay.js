@@ -17,7 +17,7 @@
 
 function play(host, data, three) {
   const { step, floor, colours, swimmers } = data;
-  const renderer = new three.WebGLRenderer({ antialias: true });
+  const renderer = makeRenderer(three);
   const scene = new three.Scene();
   const camera = new three.PerspectiveCamera(35, 1, 1, 400);
   const orbit = new three.OrbitControls(camera, renderer.domElement);

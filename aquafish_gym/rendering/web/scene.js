@@ -18,6 +18,15 @@ async function loadThree(id) {
   return THREE;
 }
 
+// Returns what draws: with smooth edges and textures, unless a program does a graphics card's work.
+function makeRenderer(three) {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const info = context?.getExtension("WEBGL_debug_renderer_info");
+  const card = info ? context.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  const programs = /swiftshader|llvmpipe|software|basic render/i;
+  return new three.WebGLRenderer({ antialias: !programs.test(card) });
+}
+
 function addMesh(three, parent, geometry, color) {
   const material = new three.MeshStandardMaterial({ color, roughness: 0.6 });
   const mesh = new three.Mesh(geometry, material);
@@ -109,7 +118,8 @@ function gridTexture(three, renderer, [narrow, wide], colours, width) {
   texture.colorSpace = three.SRGBColorSpace;
   texture.wrapS = texture.wrapT = three.RepeatWrapping;
   texture.repeat.set(width / wide, width / wide);
-  texture.anisotropy = renderer.capabilities.getMaxAnisotropy();
+  const smooth = renderer.getContext().getContextAttributes().antialias;
+  texture.anisotropy = smooth ? renderer.capabilities.getMaxAnisotropy() : 1;
   return texture;
 }
 
