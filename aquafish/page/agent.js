@@ -394,6 +394,7 @@ class Agent {
     const best = this.far.indexOf(Math.max(...this.far));
     const better = this.far[best] > far.at(-1);
     if (better) this.swimming = begin(best);
+    else this.far[this.swimming.gait] = far.at(-1); // if it goes on
     this.log(better ? "changed" : "kept");
   }
 }

@@ -365,7 +365,7 @@ function live(host, data, three) {
     const words = sentenceOf(swim.belief, data, "my ");
     const far = Math.round(data.cmPerUnit * Math.max(...agent.far));
     const gait = Number.isFinite(far)
-      ? ` I swim gait ${agent.swimming.gait + 1}, which should take me ${far} cm in ${data.horizon} s.`
+      ? ` The best gait that I know should take me ${far} cm in ${data.horizon} s.`
       : "";
     return `${words[0].toUpperCase()}${words.slice(1)}.${gait}`;
   }
@@ -386,7 +386,7 @@ function live(host, data, three) {
     const kept = knewAt !== null && agent.events.some(keeps);
     [...host.querySelectorAll("dd")].forEach((element, i) => {
       const time = times[i] ?? null;
-      const none = kept && i === 2 ? "the same" : "–";
+      const none = kept && i === 2 ? "same" : "–";
       setText(element, time === null ? none : `${(time - brokenAt).toFixed(1)} s`);
     });
     host.dataset.truth = wordsOf(swim.truth);
