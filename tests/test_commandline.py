@@ -296,9 +296,12 @@ def test_termination_at_the_start_leaves_no_traceback(delay: float) -> None:
     time.sleep(delay)
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=30)
-    assert process.returncode in (130, -signal.SIGTERM)  # the latter before our code runs
+    # Python ends with SIGINT instead, which a shell shows as 130 too, where the interrupt came
+    # within exec() of a text, as of a class that is being made.
+    ours = process.returncode in (130, -signal.SIGINT)
+    assert ours or process.returncode == -signal.SIGTERM  # the latter before our code runs
     assert "Traceback" not in said
-    assert said.endswith("aquafish: interrupted\n") == (process.returncode == 130)
+    assert said.endswith("aquafish: interrupted\n") == ours
 
 
 def test_the_command_line_runs_in_a_thread(capsys: pytest.CaptureFixture[str]) -> None:
