@@ -189,6 +189,9 @@ def run_command_line(
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     except KeyboardInterrupt as stop:  # the text may name the remaining work
+        # CPython remembers one that passed exec() of a text, as where a class is made, until the
+        # next exec(); python -m would then end with SIGINT instead of the code.
+        exec("")
         return _fail(program, str(stop) or "interrupted", INTERRUPTED)
     except refused as error:
         return _fail(program, str(error), REFUSED)
