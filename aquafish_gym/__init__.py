@@ -38,6 +38,7 @@ IDS: dict[str, dict[str, str]] = {
     "AquaFishStation-v0": {"task": "station"},
     "AquaFishWaypoint-v0": {"task": "waypoint"},
     "AquaFishRecovery-v0": {"task": "recovery", "damage": "random:moderate@15-30"},
+    "AquaFishReturn-v0": {"task": "return", "damage": "random:moderate@15-30"},
 }
 # No limit of steps is registered: an episode's steps follow from the task and frame_skip, and
 # gym.make would cut other ones off. The spec of an environment that was made has max_episode_steps.

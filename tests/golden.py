@@ -310,7 +310,8 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     **{
         f"{name} {engine}": partial(environment, name, {"engine": engine})
         for name in (
-            "AquaFish-v0", "AquaFishStation-v0", "AquaFishWaypoint-v0", "AquaFishRecovery-v0"
+            "AquaFish-v0", "AquaFishStation-v0", "AquaFishWaypoint-v0", "AquaFishRecovery-v0",
+            "AquaFishReturn-v0",
         )
         for engine in ("numba", "pybullet")
     },

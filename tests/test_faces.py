@@ -74,7 +74,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     Then what those robots' gyroscopes would say, (STEPS x HOLD, 3), if they were whole.
     """
     actions = np.random.default_rng(seed).uniform(-1, 1, (STEPS, 3)).astype(np.float32)
-    own = task == "station"  # this task has a current of its own
+    own = task in ("station", "return")  # these tasks have a current of their own
     current = (0.0, 0.0, 0.0) if own else scene["current"]
     options = {**scene, "current": current, "task": task, "fin_angles": "random"}
     found: Streams = {}
@@ -132,7 +132,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     return [found, late, swum]
 
 
-@pytest.mark.parametrize("task", ["forward", "station", "waypoint"])
+@pytest.mark.parametrize("task", ["forward", "station", "waypoint", "return"])
 @settings(max_examples=12)
 @given(scene=scenes, lag=st.floats(0.001, 0.3), seed=st.integers(0, 1000))
 def test_every_face_observes_the_same(

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward, Task
+from aquafish_gym.envs.tasks import (
+    HoldStation,
+    ReachWaypoints,
+    ReturnToBuoys,
+    SwimForward,
+    Task,
+)
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.programs import act_alone
@@ -36,6 +42,8 @@ TASKS = (
     SwimForward(seconds=SECONDS),
     HoldStation(seconds=SECONDS, turning=0.3),
     ReachWaypoints(seconds=SECONDS, apart=0.6, radius=0.4),
+    # Some get there, and swim on without reward.
+    ReturnToBuoys(seconds=SECONDS, pace=0.003, slowest=0.0, fastest=0.001),
 )
 
 

@@ -54,6 +54,15 @@ class Outcome(NamedTuple):
     fin_angles: NDArray[np.float64]  #: (3, B) rad
 
 
+class Judgement(NamedTuple):
+    """What a task makes of a step of B robots."""
+
+    terms: dict[str, NDArray[np.float64]]  #: (B,) of the reward; 0 where a step does not count
+    reward: NDArray[np.float64]  #: (B,) their sum
+    memory: NDArray[np.float64]  #: (M, B) after the step
+    succeeded: Flags  #: (B,) whether the step ended the episode by success
+
+
 class Judge:
     """Turns actions into commands, and what the engine made of them into an :class:`Outcome`.
 
@@ -120,6 +129,38 @@ class Judge:
         finish(states, before, over, action, memory, dt, self._numbers, tuple(compiled), *robots)
         part = slice(*robots)
         fin_angles[:, part] = angles_of_rows(outcome.now[:, part])  # numpy's, which is no loop's
+
+    def judge(
+        self,
+        outcome: Outcome,
+        over: Flags,
+        memory: NDArray[np.float64],
+        look: Callable[[], Step],
+    ) -> Judgement:
+        """Return the task's judgement of an outcome, with the memory (M, B) before it.
+
+        No step counts of a robot that diverged, or whose episode was ``over`` (B,). ``look``
+        returns the step, which is needed by tasks that are not built in, remember or have success.
+        """
+        task = self.task
+        bad = outcome.lost | over
+        terms = dict(zip(self.names, outcome.terms, strict=True))
+        reward = outcome.reward
+        succeeded = np.zeros(len(bad), np.bool_)
+        remembers = type(task).remember is not Task.remember
+        if self.names and not remembers and not task.has_success:
+            return Judgement(terms, reward, memory, succeeded)
+        step = look()
+        if not self.names:
+            for name, value in task.reward_terms(step).items():
+                terms[name] = np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
+            reward = sum(terms.values(), reward)
+        if task.has_success:
+            succeeded = np.asarray(task.succeeded(step)).astype(np.bool_) & ~bad
+        if remembers:
+            pairs = zip(memory, task.remember(step), strict=True)
+            memory = np.array([np.where(bad, old, new) for old, new in pairs])
+        return Judgement(terms, reward, memory, succeeded)
 
 
 @functools.cache

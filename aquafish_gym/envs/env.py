@@ -100,9 +100,10 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
 
     ### Termination
 
-    Only if the simulation diverges: seen at one start in 2000 with every size at an end of its
-    range in a current of 20 units/s along every axis. `info` then has `diverged` true, the reward
-    is 0 and the observation is the last good one.
+    When a task that can be achieved, such as "return", is: `info` then has `is_success` true. Other
+    tasks have no such key, and terminate only if the simulation diverges: seen at one start in 2000
+    with every size at an end of its range in a current of 20 units/s along every axis. `info` then
+    has `diverged` true, the reward is 0 and the observation is the last good one.
 
     ### Truncation
 
@@ -126,7 +127,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     | `observe_fins` | bool, str | `False` | the fins' angles: hidden, seen, or `"reckoned"` |
     | `frame_skip` | int | `20` | physics steps of 0.01 s in each step; they divide an episode |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
-    | `task` | str or Task | `"forward"` | or `"station"`, `"waypoint"`, `"recovery"`, a Task |
+    | `task` | str or Task | `"forward"` | a name of `tasks.TASKS`, such as `"return"`, or a Task |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
     An environment on the engine numba can be pickled and copied, also in mid-episode, and then
@@ -226,14 +227,17 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         checked = episode.check_single_action(action)
         before = self._state.position
         diverged = self._swim(checked)
-        terms = self._reward(before, checked, diverged)
-        if self._robot.change(self._steps * self.frame_skip):
+        terms, succeeded = self._reward(before, checked, diverged)
+        terminated = diverged or succeeded
+        if not terminated and self._robot.change(self._steps * self.frame_skip):
             self._read_robot()
-        info = self._info(before, terms, diverged)
+        info = self._info(before, terms, diverged, succeeded)
         if self.render_mode == "human":
             self.render()
-        truncated = self._steps == self._last and not diverged
-        return self._observe(), sum(terms.values()), diverged, truncated, info
+        truncated = self._steps == self._last and not terminated
+        if terminated:
+            self._steps = self._last
+        return self._observe(), sum(terms.values()), terminated, truncated, info
 
     def _swim(self, action: Vector) -> bool:
         """Swim one step; return whether the robot diverged, and then keep its last state."""
@@ -244,7 +248,6 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         speeds = servo_speeds(action)
         world.advance(self._robot.robots.drive(speeds), self.frame_skip)
         if world.diverged:
-            self._steps = self._last
             return True
         self._steps += 1
         self._state = world.state()
@@ -253,15 +256,18 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
             self._reckoned = reckon(self._reckoned, speeds, TAU * self.dt)
         return False
 
-    def _reward(self, before: Vector, action: Vector, diverged: bool) -> dict[str, float]:
-        """Return the terms of the reward, and let the task remember the step."""
+    def _reward(
+        self, before: Vector, action: Vector, diverged: bool
+    ) -> tuple[dict[str, float], bool]:
+        """Return the reward's terms, and whether there is success; let the task remember."""
         state = self._state
         step = Step(before, state.position, state.orientation, action, self._memory, self.dt)
         terms = {name: float(value) for name, value in self.task.reward_terms(step).items()}
         if diverged:
-            return dict.fromkeys(terms, 0.0)
+            return dict.fromkeys(terms, 0.0), False
+        succeeded = bool(self.task.succeeded(step))
         self._memory = self.task.remember(step)
-        return terms
+        return terms, succeeded
 
     def _observe(self) -> Observation:
         goal = self.task.goal(self._memory) if self.task.has_goal else None
@@ -276,10 +282,16 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._truth = {name: np.array(rows[0]) for name, rows in truth.items()}
 
     def _info(
-        self, before: Vector, terms: dict[str, float], diverged: bool = False
+        self,
+        before: Vector,
+        terms: dict[str, float],
+        diverged: bool = False,
+        succeeded: bool = False,
     ) -> dict[str, Any]:
         info = motion_info(before, self._state.position, self.dt)
         info["diverged"] = diverged
+        if self.task.has_success:
+            info["is_success"] = succeeded
         info["fin_angles"] = np.array(self._fin_angles)
         for name, value in self._truth.items():
             info[name] = value.copy()

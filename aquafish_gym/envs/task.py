@@ -80,3 +80,16 @@ class Task:
     def remember(self, step: Step) -> Memory:
         """Return the memory after a step."""
         return step.memory
+
+    def succeeded(self, step: Step) -> Number | None:  # noqa: ARG002
+        """Return 1 where a step ends the episode by success, else 0; None if no step can.
+
+        The environment then terminates, and ``info`` has ``is_success``. A rollout does not end
+        before its time: there the task's memory must keep that nothing counts any more.
+        """
+        return None
+
+    @property
+    def has_success(self) -> bool:
+        """Whether an episode can end by success."""
+        return type(self).succeeded is not Task.succeeded

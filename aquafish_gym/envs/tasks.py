@@ -1,4 +1,4 @@
-"""The built-in tasks: swim forward, recover, hold a station, reach waypoints.
+"""The built-in tasks: swim forward, recover, hold a station, reach waypoints, return in time.
 
 Their ``current``, ``goal``, ``rewards`` and ``remember`` are straight-line code, which the compiled
 loop of a rollout runs too. There ``self`` is :class:`TaskNumbers`, and a ``Number`` is a vector
@@ -7,6 +7,7 @@ register of robots' numbers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -45,9 +46,12 @@ ARGUMENT_RANGES = {
     "apart": (0.0, LARGEST_ARGUMENT, "units"),
     "radius": (0.0, LARGEST_ARGUMENT, "units"),
     "reached_weight": (-LARGEST_ARGUMENT, LARGEST_ARGUMENT, ""),
+    "pace": (SHORTEST_DISTANCE, MAXIMUM_CURRENT, "units/s"),
+    "spare": (0.0, 0.99, ""),
 }
 # Lanes give every task the same count of remembered numbers, so that a memory is read by index.
 MEMORY_NUMBERS = 6
+WIDEST_CURRENT = math.pi / 3.0  # rad from straight against the robot, of ``ReturnToBuoys``
 # Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
 # R2 sequence of M. Roberts, 2018).
 _SPREAD = (0.7548776662466927, 0.5698402909980532)
@@ -86,6 +90,11 @@ def has_reached(task: Any, step: Step) -> Number:
     """Return 1 where a step ended at the waypoint, else 0."""
     m = step.memory
     return where_less(distance(step.after, (m[0], m[1], m[2])), task.radius, 1.0, 0.0)
+
+
+def has_returned(task: Any, step: Step) -> Number:
+    """Return 1 where a step ended within the radius of the line of buoys or beyond it, else 0."""
+    return where_less(step.memory[2] - step.after[1], task.radius, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -260,11 +269,81 @@ class ReachWaypoints(BuiltIn):
         )
 
 
+@dataclass(frozen=True)
+class ReturnToBuoys(BuiltIn):
+    """Get back to a line of buoys in time, against a current: ``AquaFishReturn-v0``.
+
+    The line lies across +y, which the robot faces at the start. A robot that swims towards it at
+    ``pace`` through the water arrives with the share ``spare`` of the time left in any current.
+
+    Attributes
+    ----------
+    pace
+        Speed along +y through the water, units/s; more than ``fastest``.
+    spare
+        Share of the time, in [0, 0.99].
+    radius
+        The line is reached within this many units.
+    slowest, fastest
+        The current's speed is uniform between these, units/s; it is within 60 degrees of -y.
+    reached_weight
+        The reward for reaching the line.
+    """
+
+    terms: ClassVar[tuple[str, ...]] = ("reward_progress", "reward_reached", "reward_ctrl")
+    seconds: float = 60.0
+    pace: float = 0.7
+    spare: float = 0.3
+    radius: float = 1.0
+    slowest: float = 0.05
+    fastest: float = 0.2
+    reached_weight: float = 10.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finite_array("fastest", self.fastest, (), self.slowest, MAXIMUM_CURRENT, "units/s")
+        if self.pace <= self.fastest:
+            raise InvalidArgumentError(
+                f"pace must be more than fastest, {self.fastest:g} units/s; got {self.pace:g}"
+            )
+
+    def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
+        """Return the current along x and y, the line's distance, and that it is not reached."""
+        speed = float(rng.uniform(self.slowest, self.fastest))
+        heading = float(rng.uniform(-WIDEST_CURRENT, WIDEST_CURRENT))
+        ahead = -speed * math.cos(heading)
+        seconds = (1.0 - self.spare) * self.seconds
+        return (speed * math.sin(heading), ahead, self.radius + seconds * (self.pace + ahead), 0.0)
+
+    def current(self, memory: Memory, seconds: Number) -> Vector:  # noqa: ARG002
+        """Return the current."""
+        return (memory[0], memory[1], 0.0 * memory[0])
+
+    def rewards(self, step: Step) -> tuple[Number, ...]:
+        """Return speed towards the line in units/s, bonus, effort's cost; 0 once it was reached."""
+        counts = 1.0 - step.memory[3]
+        nearer = step.after[1] - step.before[1]
+        bonus = self.reached_weight * has_returned(self, step)
+        cost = counts * effort_cost(self, step.action)
+        return counts * (nearer / step.dt), counts * bonus, -cost
+
+    def remember(self, step: Step) -> Memory:
+        """Return the memory, which keeps whether the line was reached."""
+        m = step.memory
+        reached = m[3] + (1.0 - m[3]) * has_returned(self, step)
+        return (*m[:3], reached, *m[4:])  # lanes remember more numbers
+
+    def succeeded(self, step: Step) -> Number:
+        """Return 1 where the line is reached, else 0."""
+        return has_returned(self, step)
+
+
 TASKS: dict[str, BuiltIn] = {
     "forward": SwimForward(),
     "station": HoldStation(),
     "waypoint": ReachWaypoints(),
     "recovery": Recover(),
+    "return": ReturnToBuoys(),
 }
 
 
@@ -293,7 +372,7 @@ def compiled_task(task: Task | None) -> tuple[TaskFunctions, TaskNumbers] | None
     """Return what the compiled loop takes of a task; None of none and of one not built in."""
     kind: Any = type(task)
     # Of exactly these classes: a subclass may have overridden a method.
-    if kind not in (SwimForward, Recover, HoldStation, ReachWaypoints):
+    if kind not in (SwimForward, Recover, HoldStation, ReachWaypoints, ReturnToBuoys):
         return None
     functions = TaskFunctions(
         kind.rewards,

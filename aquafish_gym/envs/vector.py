@@ -36,7 +36,7 @@ from aquafish_gym.utils.validation import (
 )
 
 if TYPE_CHECKING:
-    from aquafish_gym.envs.compiled import Outcome
+    from aquafish_gym.envs.compiled import Judgement, Outcome
 
 States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
 Terms = dict[str, Floats]
@@ -195,15 +195,20 @@ class AquaFishVectorEnv(
         action = self._command(actions)
         before = self._now
         outcome = self._swim(action, over)
-        terms, reward = self._reward(before, action, outcome, over)
-        self._change(outcome.lost | over)
+        judgement = self._judge.judge(
+            outcome, over, self._memory, lambda: self._step_from(before, action)
+        )
+        self._memory = judgement.memory
+        terminated = outcome.lost | judgement.succeeded
+        self._steps[terminated] = self._last
+        self._change(terminated | over)
         self._begin_again(over, outcome)
         self._observe(outcome.seen)
-        info = self._step_info(outcome, terms)
+        info = self._step_info(outcome, judgement)
         ended = self._steps == self._last
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             info = self._begin_at_once(ended, info)
-        return self._seen.copy(), reward, outcome.lost, ended & ~outcome.lost, info
+        return self._seen.copy(), judgement.reward, terminated, ended & ~terminated, info
 
     @property
     def states(self) -> Floats:
@@ -257,7 +262,6 @@ class AquaFishVectorEnv(
             self._reckoned = np.where(outcome.lost, self._reckoned, reckoned)
         np.logical_and(outcome.lost, ~over, out=outcome.lost)
         self._steps += 1
-        self._steps[outcome.lost] = self._last
         return outcome
 
     def _step_from(self, before: States, actions: Floats) -> Step:
@@ -267,25 +271,6 @@ class AquaFishVectorEnv(
         return Step(
             here, now.position, now.orientation, batching.components(actions), memory, self.dt
         )
-
-    def _reward(
-        self, before: States, action: Floats, outcome: Outcome, over: Flags
-    ) -> tuple[Terms, Floats]:
-        """Return the reward's terms and their sum, 0 where lost or over; let the task remember."""
-        names = self._judge.names
-        reward = outcome.reward
-        bad = outcome.lost | over
-        terms = dict(zip(names, outcome.terms, strict=True))
-        remembers = type(self.task).remember is not Task.remember
-        step = self._step_from(before, action) if remembers or not names else None
-        if step is not None and not names:
-            for name, value in self.task.reward_terms(step).items():
-                terms[name] = np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
-            reward = sum(terms.values(), reward)
-        if step is not None and remembers:
-            pairs = zip(self._memory, self.task.remember(step), strict=True)
-            self._memory = np.array([np.where(bad, old, new) for old, new in pairs])
-        return terms, reward
 
     def _change(self, bad: Flags) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
@@ -363,20 +348,27 @@ class AquaFishVectorEnv(
         self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
     def _info(
-        self, moved: dict[str, Floats], terms: Terms, diverged: Flags, fin_angles: Floats
+        self,
+        moved: dict[str, Floats],
+        terms: Terms,
+        diverged: Flags,
+        succeeded: Flags,
+        fin_angles: Floats,
     ) -> Info:
         """Return ``info`` with what ``motion_info`` says of the step, and fin angles (3, B)."""
         return moved | {
             "diverged": diverged.copy(),
+            **({"is_success": succeeded.copy()} if self.task.has_success else {}),
             "fin_angles": np.ascontiguousarray(fin_angles.T),
             **self._robots.truth(),
             **terms,
         }
 
-    def _step_info(self, outcome: Outcome, terms: Terms) -> Info:
+    def _step_info(self, outcome: Outcome, judgement: Judgement) -> Info:
         """Return ``info`` after a step, with the masks that Gymnasium wants."""
         moved = dict(zip(MOTION, outcome.moved, strict=True))
-        info = self._info(moved, terms, outcome.lost, outcome.fin_angles)
+        terms, succeeded = judgement.terms, judgement.succeeded
+        info = self._info(moved, terms, outcome.lost, succeeded, outcome.fin_angles)
         return batching.masked(info, np.ones(self.num_envs, np.bool_))
 
     def _first_info(self) -> Info:
@@ -386,7 +378,7 @@ class AquaFishVectorEnv(
         still = motion_info(step.after, step.after, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
         nobody = np.zeros(self.num_envs, np.bool_)
-        return self._info(still, nothing, nobody, angles_of_rows(self._now))
+        return self._info(still, nothing, nobody, nobody, angles_of_rows(self._now))
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free what the engine holds; see ``close``."""

@@ -4,11 +4,13 @@
 
 Each controller is made for a task with a seed of its own, and then plays a hundred episodes that
 are the same for all, from random fin angles. The table shows interquartile means of the returns
-with 95% bootstrap intervals over seeds and episodes. Controllers for AquaFishRecovery-v0 are those
-made for AquaFish-v0; for it the table also shows the distance after the onset, in units, and that
-distance as a share of the same controller's in an undamaged episode, and of the oracle's in the
-first 20 episodes (a dash where the reference is under one unit). The oracle is a gait evolved for
-the broken robot itself, its servo gains included, and refined from its state at the onset.
+with 95% bootstrap intervals over seeds and episodes. Controllers for AquaFishRecovery-v0 and
+AquaFishReturn-v0 are those made for AquaFish-v0. For the return the table also shows the share of
+successes with Wilson's 95% interval, in the episodes of all seeds. For the recovery it also shows
+the distance after the onset, in units, and that distance as a share of the same controller's in an
+undamaged episode, and of the oracle's in the first 20 episodes (a dash where the reference is under
+one unit). The oracle is a gait evolved for the broken robot itself, its servo gains included, and
+refined from its state at the onset.
 
 DIR holds table.md, scores.png, curves.png, and a file for each controller with its weights,
 learning curve and returns. The same command resumes; one for fewer rows shows these.
@@ -31,18 +33,20 @@ from rich.table import Table
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.runs.command_line import Out
+from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
-from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, RECOVERY, oracle
+from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, RECOVERY, RETURN, oracle
 from experiments.scores.episodes import COLUMNS, play
 from experiments.scores.figures import curves_figure, scores_figure
 from experiments.tables import do_table
+from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, load_extra
-from gait.scores.evaluation import EPISODES, Interval, interquartile_mean
+from gait.scores.evaluation import EPISODES, Interval, interquartile_mean, success_rate
 
 # A task that controllers are made for, and the ids that they then play.
 MadeFor = Literal["forward", "station", "waypoint"]
 IDS_OF: dict[MadeFor, tuple[str, ...]] = {
-    "forward": ("AquaFish-v0", RECOVERY),
+    "forward": ("AquaFish-v0", RECOVERY, RETURN),
     "station": ("AquaFishStation-v0",),
     "waypoint": ("AquaFishWaypoint-v0",),
 }
@@ -63,11 +67,12 @@ class Job:
     seed: int
     divisor: int
     episodes: int
+    earlier: str = ""  #: Folder of an earlier run, whose controller plays.
 
     @property
     def learns(self) -> bool:
         """Whether it needs the extra ``rl``."""
-        return isinstance(ENTRIES[self.entry].config, LearningConfig)
+        return not self.earlier and isinstance(ENTRIES[self.entry].config, LearningConfig)
 
     @property
     def name(self) -> str:
@@ -108,8 +113,14 @@ def score(job: Job | OracleJob) -> dict[str, Any]:
         after = oracle(job.tier, job.episode, job.divisor)
         return {"seconds": time.process_time() - began, "after": after}
     entry = ENTRIES[job.entry]
-    controller, curve = entry.make(job.task, job.seed, job.divisor)
-    seconds = time.process_time() - began
+    controller: Controller | None
+    if job.earlier and entry.config:
+        kept = read_result(Path(job.earlier), job) or {}
+        controller, curve = Controller.from_dict(kept["controller"]), kept["curve"]
+        seconds = kept["seconds"] if "seconds" in kept else kept["cpu_seconds"]
+    else:
+        controller, curve = entry.make(job.task, job.seed, job.divisor)
+        seconds = time.process_time() - began
     agent = entry.fixed() if controller is None else controller
     return {
         "seconds": seconds,
@@ -142,13 +153,17 @@ class Scores:
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ROWS)}.")
     ] = ROWS
     tasks: tuple[MadeFor, ...] = tuple(IDS_OF)
-    """Tasks that controllers are made for; those made for "forward" also play the recovery."""
+    """Tasks that controllers are made for; those made for "forward" also play the recovery and the
+    return."""
     replicates: int = 5
     """Replicates of what is evolved or learned, with seeds from 100 upwards."""
     episodes: int = EPISODES
     """Episodes that each controller plays of each task."""
     budget_divisor: int = 1
     """Divide the cost of evolution and learning by this, for a quick look."""
+    controllers: Path | None = None
+    """Folder of an earlier run: its controllers play, and none is made. Entries without a file
+    there are left out."""
     workers: int | None = None
     """Processes; every core if not given. No result depends on it."""
 
@@ -163,17 +178,25 @@ class Scores:
                 raise InvalidArgumentError(
                     f"{name} must be one or more, each named once; got {', '.join(given) or 'none'}"
                 )
+        earlier = str(self.controllers or "")
         jobs: list[Job | OracleJob] = [
-            Job(name, task, FIRST_SEED + seed, self.budget_divisor, self.episodes)
+            Job(name, task, FIRST_SEED + seed, self.budget_divisor, self.episodes, earlier)
             for seed in range(self.replicates)
             for task in self.tasks
             for name in self.entries
             if name in ENTRIES and (not seed or ENTRIES[name].config)
         ]
+        if self.controllers:
+            return [job for job in jobs if self._is_kept(job)]
         if ORACLE in self.entries and "forward" in self.tasks:
             few = min(self.episodes, ORACLE_EPISODES)
             jobs += [OracleJob(tier, i, self.budget_divisor) for tier in TIERS for i in range(few)]
         return jobs
+
+    def _is_kept(self, job: Job | OracleJob) -> bool:
+        """Whether a job needs no controller, or has one in the folder of the earlier run."""
+        fixed = isinstance(job, Job) and not ENTRIES[job.entry].config
+        return fixed or (Path(self.controllers or "") / job.file).exists()
 
     def execute(self) -> None:
         """Do the missing jobs, print a table, and write it to table.md."""
@@ -188,7 +211,7 @@ class Scores:
         settings = {
             "divisor": self.budget_divisor, "episodes": self.episodes, "entries": entries,
             ORACLE: [asdict(ORACLE_CONFIG), ORACLE_EPISODES],
-        }  # fmt: skip
+        } | ({"controllers": str(self.controllers)} if self.controllers else {})  # fmt: skip
         rows = do_table(
             jobs, score, self.out, "reference scores", settings,
             lambda results: self._rows(jobs, results), self.workers, (PICTURE, CURVES),
@@ -219,7 +242,9 @@ class Scores:
         for task in self.tasks:
             for name in IDS_OF[task]:
                 for entry in names:
-                    found = made[entry, task]
+                    found = made.get((entry, task))
+                    if found is None:  # not among the controllers of an earlier run
+                        continue
                     intervals = [
                         interquartile_mean([one["scores"][name][c]["returns"] for one in found])
                         for c in COLUMNS
@@ -240,6 +265,11 @@ class Scores:
             save_figure(curves_figure(curves), self.out / CURVES)
         if "forward" not in self.tasks:
             return rows
+        names = [entry for entry in names if (entry, "forward") in made]
+        for entry in names:
+            runs = [one["scores"][RETURN] for one in made[entry, "forward"]]
+            cells = [_rate([run[column]["successes"] for run in runs], self) for column in COLUMNS]
+            rows.append([f"{RETURN}, success", entry, ENTRIES[entry].observes, *cells, ""])
         after = f"{RECOVERY}, after the onset"
         for entry in names:
             runs = [one["scores"][RECOVERY] for one in made[entry, "forward"]]
@@ -254,6 +284,12 @@ class Scores:
 def _number(interval: Interval) -> str:
     middle, low, high = interval
     return f"{middle:z.1f} [{low:z.1f}, {high:z.1f}]"
+
+
+def _rate(successes: Sequence[int], command: Scores) -> str:
+    """Return a cell: the share of successes in the episodes of all runs, with its interval."""
+    share, low, high = success_rate(sum(successes), len(successes) * command.episodes)
+    return f"{share:.0%} [{low:.0%}, {high:.0%}]"
 
 
 def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:

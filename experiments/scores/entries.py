@@ -27,6 +27,7 @@ Curve = Sequence[tuple[int, float]]
 INTERVAL = 20  # steps of 0.01 s that an action is held for: the environments' frame_skip
 SECONDS = 0.01 * INTERVAL
 RECOVERY = "AquaFishRecovery-v0"
+RETURN = "AquaFishReturn-v0"
 
 
 @dataclass

@@ -15,7 +15,7 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
 from gait.controllers.agent import ControllerAgent
 from gait.scores.episode import transitions
-from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike
+from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike, Evaluation
 
 WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)
@@ -34,19 +34,27 @@ def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any
     Returns
     -------
     dict
-        For each of ``COLUMNS`` the ``returns`` (E,). Where damage strikes in mid-swim also
-        ``after`` (E,), the distance along +y from the onset on, and ``twin`` (E,), the same
-        distance in the episode without damage. A robot that diverged counts up to there.
+        For each of ``COLUMNS`` the ``returns`` (E,), and where the task has success the number of
+        ``successes``. Otherwise, where damage strikes in mid-swim also ``after`` (E,), the distance
+        along +y from the onset on, and ``twin`` (E,), the same distance in the episode without
+        damage. A robot that diverged counts up to there.
     """
     whole = evaluate(agent, name, episodes=episodes, damage="none", threads=1)
-    found = {WHOLE: {"returns": whole.returns.tolist()}}
+    found = {WHOLE: _result(whole)}
     for tier in TIERS:
         damage = damage_of(name, tier)
         broken = evaluate(agent, name, episodes=episodes, damage=damage, threads=1)
-        found[tier] = {"returns": broken.returns.tolist()}
-        if "@" in damage:
+        found[tier] = _result(broken)
+        if "@" in damage and broken.succeeded is None:
             found[tier]["after"] = broken.way_since(broken.onset).tolist()
             found[tier]["twin"] = whole.way_since(broken.onset).tolist()
+    return found
+
+
+def _result(played: Evaluation) -> dict[str, Any]:
+    found: dict[str, Any] = {"returns": played.returns.tolist()}
+    if played.succeeded is not None:
+        found["successes"] = int(played.succeeded.sum())
     return found
 
 

@@ -15,7 +15,14 @@ from gait.controllers.controller import MAXIMUM_SEED
 from gait.controllers.pilots import Agent, AgentLike, make_pilot
 from gait.scores.episode import transitions
 
-__all__ = ["Agent", "AgentLike", "Evaluation", "evaluate", "interquartile_mean"]
+__all__ = [
+    "Agent",
+    "AgentLike",
+    "Evaluation",
+    "evaluate",
+    "interquartile_mean",
+    "success_rate",
+]
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
@@ -38,6 +45,8 @@ class Evaluation:
         When its episode is over, the last one is repeated. NaN if ``info`` lacks it.
     broken
         (T, E) whether any fault was active after each step.
+    succeeded
+        (E,) whether each episode ended with success; None in a task without it.
 
     Examples
     --------
@@ -48,6 +57,7 @@ class Evaluation:
     returns: Floats
     y_position: Floats
     broken: NDArray[np.bool_]
+    succeeded: NDArray[np.bool_] | None = None
 
     @property
     def mean(self) -> float:
@@ -71,7 +81,12 @@ class Evaluation:
 
     def __str__(self) -> str:
         middle, low, high = self.iqm
-        return f"{middle:.1f} [{low:.1f}, {high:.1f}] in {len(self.returns)} episodes"
+        number = len(self.returns)
+        text = f"{middle:.1f} [{low:.1f}, {high:.1f}] in {number} episodes"
+        if self.succeeded is None:
+            return text
+        share, low, high = success_rate(int(self.succeeded.sum()), number)
+        return f"{text}; success in {share:.0%} [{low:.0%}, {high:.0%}]"
 
 
 def evaluate(
@@ -142,12 +157,31 @@ def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evalua
     returns = np.zeros(number)
     y_position = [np.asarray(info.get("y_position", np.full(number, np.nan)))]
     broken = []
+    succeeded = np.zeros(number, np.bool_) if "is_success" in info else None
     for step in transitions(envs, pilot.act, observations):
         returns += np.where(step.was_over, 0.0, step.reward)
         last = y_position[-1]
         y_position.append(np.where(step.was_over, last, step.info.get("y_position", last)))
         broken.append(step.info.get("faults", np.zeros(number, int)) > 0)
-    return Evaluation(returns, np.array(y_position), np.array(broken))
+        if succeeded is not None:
+            succeeded |= step.info.get("is_success", np.False_) & ~step.was_over
+    return Evaluation(returns, np.array(y_position), np.array(broken), succeeded)
+
+
+def success_rate(successes: int, episodes: int) -> Interval:
+    """Return the share of successes, and Wilson's 95% interval.
+
+    Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
+
+    Examples
+    --------
+    >>> [round(share, 3) for share in success_rate(9, 10)]
+    [0.9, 0.596, 0.982]
+    """
+    from scipy.stats import binomtest
+
+    low, high = binomtest(successes, episodes).proportion_ci(0.95, "wilson")
+    return successes / episodes, float(low), float(high)
 
 
 def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:

@@ -24,7 +24,7 @@ from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
 
 Sense = Literal["imu", "clock", "fins"]
-TaskName = Literal["forward", "station", "waypoint", "recovery"]
+TaskName = Literal["forward", "station", "waypoint", "recovery", "return"]
 Class = Literal["recurrent", "mlp", "linear"]
 CMA_POPULATION = 24  # in NEAT's tuning, too
 # Where they are not given: population, restarts, random_candidates, generations, cma_generations.

@@ -35,6 +35,7 @@ HELD = {
     "AquaFishStation-v0": "da79a2a3b123748b",
     "AquaFishWaypoint-v0": "a9e9868354cbd8a9",
     "AquaFishRecovery-v0": "dc5c6b56e2052427",
+    "AquaFishReturn-v0": "6addbf68718d9662",
 }
 
 

@@ -251,3 +251,5 @@ def test_a_current_beside_the_tasks_own_is_refused() -> None:
     for make in (gym.make, gym.make_vec):
         with pytest.raises(InvalidArgumentError, match=r"^current must be 0 .*HoldStation"):
             make("AquaFishStation-v0", current=(0.1, 0.0, 0.0))
+        with pytest.raises(InvalidArgumentError, match=r"^current must be 0 .*ReturnToBuoys"):
+            make("AquaFishReturn-v0", current=(0.1, 0.0, 0.0))

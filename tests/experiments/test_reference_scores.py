@@ -44,7 +44,13 @@ def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     _, _, *lines = (tmp_path / "table.md").read_text().splitlines()
     assert [line.split(" | ")[:2] for line in lines] == [
         [f"| {name}", entry]
-        for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
+        for name in (
+            "AquaFish-v0",
+            "AquaFishRecovery-v0",
+            "AquaFishReturn-v0",
+            "AquaFishReturn-v0, success",
+            "AquaFishRecovery-v0, after the onset",
+        )
         for entry in ("zero", "CPG")
     ]
     for picture in ("scores.png", "curves.png"):
@@ -55,6 +61,25 @@ def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")} == before
     result = read_document(made, "aquafish.result/1", "out")
     assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
+
+
+@jobs_in_process()
+def test_controllers_of_an_earlier_run_play_again(tmp_path: Path) -> None:
+    """An entry without a file there is left out."""
+    Scores(
+        tmp_path, entries=("zero", "PPO, fins", "PPO, damaged"), tasks=("forward",), replicates=1,
+        episodes=3, controllers=COMMITTED.parent, workers=1,
+    ).execute()  # fmt: skip
+    rows = (tmp_path / "table.md").read_text().splitlines()
+    success = [row for row in rows if row.startswith("| AquaFishReturn-v0, success |")]
+    assert success == [
+        "| AquaFishReturn-v0, success | zero | nothing "
+        + 4 * "| 0% [0%, 56%] " + "|  |",
+        *(row for row in success[1:] if "PPO, fins" in row),
+    ]  # fmt: skip
+    assert len(success) == 2
+    assert "| 100% [44%, 100%] |" in success[1]
+    assert not any("PPO, damaged" in row for row in rows)
 
 
 def test_damage_strikes_at_the_onset_of_the_id() -> None:

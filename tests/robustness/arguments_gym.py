@@ -27,7 +27,13 @@ from aquafish_gym import (
 )
 from aquafish_gym.bodies import read_bodies, write_bodies
 from aquafish_gym.damage import Fault
-from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, Recover, SwimForward
+from aquafish_gym.envs.tasks import (
+    HoldStation,
+    ReachWaypoints,
+    Recover,
+    ReturnToBuoys,
+    SwimForward,
+)
 from aquafish_gym.rendering.course import FilmedSwim
 from aquafish_gym.rendering.films import film
 from aquafish_gym.rendering.replay import write_replay
@@ -218,6 +224,18 @@ ROWS = [
         },
         options(
             seconds="fraction", ctrl_weight="fraction", apart="fraction", radius="fraction",
+            reached_weight="fraction, minus one",
+        ),
+    ),
+    Call(
+        ReturnToBuoys,
+        {
+            "seconds": 20.0, "ctrl_weight": 0.0, "pace": 0.7, "spare": 0.3, "radius": 1.0,
+            "slowest": 0.05, "fastest": 0.2, "reached_weight": 5.0,
+        },
+        options(
+            seconds="fraction", ctrl_weight="fraction", pace="fraction", spare="fraction",
+            radius="fraction", slowest="fraction", fastest="fraction",
             reached_weight="fraction, minus one",
         ),
     ),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import aquafish_gym
 from aquafish_gym.damage import Damage
-from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward
+from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, ReturnToBuoys, SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -119,6 +119,7 @@ DOORS: list[tuple[Callable[..., object], dict[str, st.SearchStrategy[Any]]]] = [
     (SwimForward, {"seconds": no_number(0.01, 3600), "forward_weight": no_number(-1e6, 1e6)}),
     (HoldStation, {"fastest": no_number(0.1, 20.0), "half": no_number(1e-3, 1e6)}),
     (ReachWaypoints, {"reached_weight": no_number(-1e6, 1e6)}),
+    (ReturnToBuoys, {"spare": no_number(0.0, 0.99), "pace": no_number(1e-3, 20.0)}),
 ]
 ROWS = [
     pytest.param(enter, name, values, id=f"{enter.__name__}-{name}-{i}")
