@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import signal
@@ -9,6 +10,8 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -348,6 +351,82 @@ def test_a_library_that_swallows_an_interruption_does_not_hide_it(
 
     assert run_command_line("fish", Loading, ()) == 130
     assert capsys.readouterr().err == "fish: interrupted\n"
+
+
+def terminate(*_: object) -> None:
+    """Terminate this process, within a call from which Python raises nothing."""
+    signal.raise_signal(signal.SIGTERM)
+
+
+class Fin:
+    """A fin, which may be lost."""
+
+
+class LostFin(Fin):
+    """A fin whose loss terminates the process."""
+
+    __del__ = terminate
+
+
+def lose_a_watched_fin() -> None:
+    fin = Fin()
+    watch = weakref.ref(fin, terminate)
+    del fin
+    assert watch() is None
+
+
+DROPPING: dict[str, Callable[[], object]] = {
+    "destructor": LostFin,
+    "weak reference": lose_a_watched_fin,
+    "C callback": ctypes.CFUNCTYPE(None)(terminate),
+}
+
+
+@pytest.mark.parametrize("sleep", [0.0, 60.0], ids=["at the end", "in a sleep"])
+@pytest.mark.parametrize("place", DROPPING)
+def test_no_termination_is_lost_in_a_callback(
+    place: str, sleep: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Python prints what a callback raises, and goes on: imports and LLVM make callbacks."""
+
+    @dataclass(frozen=True)
+    class Dropping:
+        """Be terminated in a callback."""
+
+        def execute(self) -> None:
+            DROPPING[place]()
+            time.sleep(sleep)
+
+    usual = sys.unraisablehook
+    begun = time.monotonic()
+    assert run_command_line("fish", Dropping, ()) == 130
+    assert time.monotonic() - begun < 30
+    assert capsys.readouterr() == ("", "fish: interrupted\n")
+    assert sys.unraisablehook is usual
+
+
+def test_no_termination_is_lost_where_ctrl_c_is_ignored(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As in a background job of a shell script."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    monkeypatch.setattr(Swim, "execute", lambda _: (LostFin(), time.sleep(60)))
+    try:
+        assert run() == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr() == ("", "fish: interrupted\n")
+
+
+def test_other_errors_of_a_callback_are_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    printed: list[Any] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda found: printed.append(found.exc_type))
+    monkeypatch.setattr(Swim, "execute", lambda _: ctypes.CFUNCTYPE(None)(lambda: 1 / 0)())
+    assert run() == 0
+    assert printed == [ZeroDivisionError]
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_word_that_is_not_utf_8_is_printed_with_escapes() -> None:

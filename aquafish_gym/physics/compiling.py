@@ -7,15 +7,14 @@ loads them in under a second from the user's cache folder; see ``kernel_cache``.
 
 from __future__ import annotations
 
-import _thread
 import ast
+import contextlib
 import functools
 import hashlib
 import inspect
 import multiprocessing
 import pkgutil
 import sys
-import threading
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -26,6 +25,7 @@ from numba import njit
 from numba.core import event
 
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
+from aquafish_gym.utils.interrupts import kept_interrupts
 from aquafish_gym.utils.kernel_cache import (
     ADVICE,
     KernelCache,
@@ -98,14 +98,6 @@ NOTICE_UNKEPT = (
 _slow: set[Callable[..., Any]] = set()
 
 
-def _ask_again(found: Any) -> None:
-    """Interrupt again after a Ctrl-C during a callback of LLVM, which drops it."""
-    if isinstance(found.exc_value, KeyboardInterrupt):
-        threading.Timer(0.05, _thread.interrupt_main).start()
-    else:
-        sys.__unraisablehook__(found)
-
-
 class _Announcer(event.Listener):  # type: ignore[misc]
     """Prints ``NOTICE`` before the first slow compilation, except in worker processes.
 
@@ -113,16 +105,16 @@ class _Announcer(event.Listener):  # type: ignore[misc]
     """
 
     def __init__(self) -> None:
-        self._hooks: list[Any] = []
+        self._kept: list[contextlib.ExitStack] = []
 
     def on_start(self, started: Any) -> None:
-        self._hooks.append(sys.unraisablehook)
-        sys.unraisablehook = _ask_again
+        self._kept.append(contextlib.ExitStack())
+        self._kept[-1].enter_context(kept_interrupts())
         if started.data["dispatcher"].py_func in _slow:
             _announce()
 
     def on_end(self, ended: Any) -> None:  # noqa: ARG002
-        sys.unraisablehook = self._hooks.pop()
+        self._kept.pop().close()
 
 
 @functools.cache

@@ -46,6 +46,7 @@ from aquafish_gym.runs.command_help import (
     print_help,
 )
 from aquafish_gym.scenario import CHANNELS
+from aquafish_gym.utils.interrupts import kept_interrupts
 from aquafish_gym.utils.streams import keep_streams
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
@@ -241,7 +242,10 @@ def end_at_signals(program: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM raise KeyboardInterrupt, even if a library raises another error."""
+    """Let Ctrl-C and SIGTERM raise KeyboardInterrupt, even if a library raises another error.
+
+    None is lost in a destructor or a callback; see ``kept_interrupts``.
+    """
     came: list[int] = []
 
     def interrupt(number: int, _frame: Any) -> None:
@@ -250,7 +254,8 @@ def _interrupts() -> Iterator[None]:
 
     with _handled((signal.SIGINT, signal.SIGTERM), interrupt):
         try:
-            yield
+            with kept_interrupts():
+                yield
         except Exception as error:
             if came:  # such as an error of a library that was interrupted while loading
                 raise KeyboardInterrupt from error
