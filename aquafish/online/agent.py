@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
+from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import (
-    act_in,
-    begin_gait,
-    gait_to_refine,
-    imagine,
-    load_library,
-    swim_ahead,
-)
+from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import damage_text
 from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
 from aquafish.online.recognition import Recognised
@@ -33,6 +25,7 @@ from aquafish.online.self_model import (
     observed_directions,
     predict,
 )
+from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
@@ -47,9 +40,7 @@ from aquafish_gym.utils.validation import (
     integer,
     real_array,
 )
-from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
-from gait.search.evolve import EvolveConfig, evolve_gait
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 
@@ -58,32 +49,10 @@ ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
 OUTAGE_ACTIONS = 10  # at most, without any reading, before these: it may have broken in them, too
 SAME_GAIT_DIFFERENCE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 # In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
-# 12 observations, for 50 actions there is no other alarm, and no gait is refined: a gait refined on
-# a wrong model does not carry over to the robot.
+# 12 observations, and for 50 actions there is no other alarm.
 FOREIGN_OBSERVATIONS = 12
 QUIET_ACTIONS = 50
 ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
-SHORTEST_REFINEMENT_SECONDS = 2.0
-LONGEST_COMPARISON_SECONDS = 60.0  # a longer one does not end within the time for thinking
-REFINED_GAITS = 6  # of its own, the latest, among which it chooses beside the library's
-
-
-class Event(NamedTuple):
-    """Something that the agent noticed or decided."""
-
-    seconds: float  #: When, in the episode.
-    #: "fins", "water", "sensor", "alarm", "inferred", "unknown", "chose" or "refined".
-    what: str
-    about: str  #: In words.
-    cpu: float = 0.0  #: CPU seconds that it took.
-
-
-class _Thought(NamedTuple):
-    """A result that can be used from an action on."""
-
-    due: int
-    event: Event
-    result: Recognised | Controller
 
 
 class SelfModelAgent:
@@ -172,20 +141,13 @@ class SelfModelAgent:
         self._quiet = 0
         self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
-        self._thoughts: list[_Thought] = []
-        self._rng = np.random.default_rng(config.seed)
-        self._swimming = begin_gait(self.library[0])
-        self._refined: deque[Controller] = deque(maxlen=REFINED_GAITS)
-
-    @property
-    def _gaits(self) -> list[Controller]:
-        """The gaits that it may choose: the library's, and its own of this episode."""
-        return [*self.library, *self._refined]
+        self._thoughts: list[Thought[Recognised]] = []
+        self._chooser = GaitChooser(self.library, config, self.dt, self.events)
 
     @property
     def gait(self) -> Controller:
         """The controller that it swims."""
-        return self._swimming.controller
+        return self._chooser.gait
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
@@ -211,10 +173,10 @@ class SelfModelAgent:
             self._observe(observed_directions(readings))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
-            thought = min(due, key=lambda one: isinstance(one.result, Controller))
-            self._thoughts.remove(thought)
-            self._use(thought)
-        self._action = act_in(self._swimming, self.model.state)
+            self._thoughts.remove(due[0])
+            self._use(due[0])
+        self._chooser.use_refined(self.model, self._steps)
+        self._action = self._chooser.act(self.model.state)
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
@@ -254,7 +216,7 @@ class SelfModelAgent:
         self.model = calibration.model
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
-            self._swimming = begin_gait(self.library[0])
+            self._chooser.begin()
         self._foreign = calibration.foreign
         if self._steps == WATER_ACTIONS and calibration.other_water:
             self._log("water", calibration.other_water)
@@ -291,17 +253,14 @@ class SelfModelAgent:
         found = case.explain(self._moments, self._drift, self.config.gyro_noise, self.hold)
         fins = damage_text(found.damage) if found.damage else ""
         about = "; ".join(text for text in (fins, *found.sensors) if text)
-        self._think(self.config.inference_seconds, "inferred", about or "none", began, found)
+        due = self._steps + thinking_actions(self.config.inference_seconds, self.dt)
+        cpu = time.process_time() - began
+        event = Event(self._steps * self.dt, "inferred", about or "none", cpu)
+        self._thoughts.append(Thought(due, event, found))
 
-    def _use(self, thought: _Thought) -> None:
-        """Use a result that is due: another self, or another gait."""
+    def _use(self, thought: Thought[Recognised]) -> None:
+        """Use an inference that is due: become another robot."""
         self.events.append(thought.event)
-        if isinstance(thought.result, Controller):
-            if thought.result is not self.gait:
-                self._swimming = begin_gait(thought.result)
-                self._refined.append(thought.result)
-            self._refine()
-            return
         found = self.recognised = thought.result
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
@@ -323,73 +282,10 @@ class SelfModelAgent:
 
     def _change_gait(self) -> None:
         """Swim the best known gait from now on, and refine it meanwhile."""
-        began = time.process_time()
-        left = self._left(0)
-        if left < self.dt:
-            return
-        gaits = self._gaits
-        far = imagine(gaits, self.model.robot, self.model.state, left)
-        _, going_on = swim_ahead(self._swimming, self.model, 0, round(left / self.dt))
-        about = f"to go on, which should make {going_on:.1f} units"
-        if far.max() > going_on:
-            best = int(far.argmax())
-            self._swimming = begin_gait(gaits[best])
-            name = f"gait {best}" if best < len(self.library) else "a gait refined before"
-            about = f"{name}, which should make {far.max():.1f} units"
-        self._log("chose", about, time.process_time() - began)
-        self._rounds = 0 if self._foreign else self.config.refinements
-        self._refine()
+        self._chooser.change(self.model, self._steps, self._foreign)
 
-    def _left(self, actions: int) -> float:
-        """Return for how long, s, gaits are compared that begin some actions from now."""
-        left = self.config.seconds - (self._steps + actions) * self.dt
-        return min(left, LONGEST_COMPARISON_SECONDS)
-
-    def _refine(self) -> None:
-        """Begin to refine the gait, from the state that the robot will be in when that is done."""
-        began = time.process_time()
-        config = self.config
-        robot = self.model.robot
-        self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
-        actions = self._actions(config.refinement_seconds)
-        left = self._left(actions)
-        if not self._rounds or left < SHORTEST_REFINEMENT_SECONDS:
-            return
-        self._rounds -= 1
-        until = actions + round(left / self.dt)
-        state, expected = swim_ahead(self._swimming, self.model, actions, until)
-        first = gait_to_refine(self.gait, self._gaits, robot, state, left)
-        if first is None:
-            return
-        found = evolve_gait(
-            robot.body[0],
-            EvolveConfig(
-                generations=config.generations,
-                seconds=left,
-                seed=int(self._rng.integers(2**32)),
-                threads=1,
-            ),
-            first=first,
-            start=state,
-            world=WorldConfig.of(robot),
-        )
-        about = f"from {expected:.1f} to {found.fitness:.1f} units"
-        better = found.controller if found.fitness > expected else self.gait
-        self._think(config.refinement_seconds, "refined", about, began, better)
-
-    def _think(
-        self, seconds: float, what: str, about: str, began: float, result: Recognised | Controller
-    ) -> None:
-        due = self._steps + self._actions(seconds)
-        event = Event(self._steps * self.dt, what, about, time.process_time() - began)
-        self._thoughts.append(_Thought(due, event, result))
-
-    def _actions(self, seconds: float) -> int:
-        """Return how many actions thinking takes: at least one, for the present one is due now."""
-        return max(1, math.ceil(seconds / self.dt - 1e-9))
-
-    def _log(self, what: str, about: str, cpu: float = 0.0) -> None:
-        self.events.append(Event(self._steps * self.dt, what, about, cpu))
+    def _log(self, what: str, about: str) -> None:
+        self.events.append(Event(self._steps * self.dt, what, about))
 
 
 def _alike(one: Scenario, other: Scenario) -> bool:

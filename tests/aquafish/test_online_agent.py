@@ -91,7 +91,7 @@ def test_it_may_choose_gaits_that_it_refined_before(monkeypatch: pytest.MonkeyPa
         candidates.append(len(controllers))
         return imagine(controllers, *rest) + 100.0 * (np.arange(len(controllers)) >= len(library))
 
-    monkeypatch.setattr("aquafish.online.agent.imagine", favour_own)
+    monkeypatch.setattr("aquafish.online.choosing.imagine", favour_own)
     config = AgentConfig(generations=20, refinements=1)
     agent, _, _ = swim("right_pectoral:missing@15", 90, config)
     chose = [event.about for event in agent.events if event.what == "chose"]
