@@ -11,11 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
-from aquafish.online.choosing import GaitChooser
+from aquafish.online.choosing import GaitChooser, Water, predicts
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import damage_text
-from aquafish.online.monitor import ERROR_SCALES, WATER_ACTIONS, ErrorCalibration, ReadingHistory
+from aquafish.online.monitor import (
+    CALIBRATION_ACTIONS,
+    ERROR_SCALES,
+    SETTLED_ACTIONS,
+    WATER_ACTIONS,
+    ErrorCalibration,
+    ReadingHistory,
+)
 from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import (
     MODEL_ERROR,
@@ -25,6 +32,8 @@ from aquafish.online.self_model import (
     observed_directions,
     predict,
 )
+from aquafish.online.swimming import Gait
+from aquafish.online.teacher import INTERVAL, Teacher
 from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
@@ -39,6 +48,7 @@ from aquafish_gym.utils.validation import (
     instance,
     integer,
     real_array,
+    sequence,
 )
 from gait.controllers.controller import Controller
 
@@ -72,6 +82,10 @@ class SelfModelAgent:
         A scenario of one: the whole robot.
     hold
         The environment's ``frame_skip``.
+    teachers
+        Two policies that are told what broke, for the water that the self-model knows and for any
+        other; or none. They stand beside the library. None are the packaged ones beside the
+        packaged library, and none beside another.
 
     Attributes
     ----------
@@ -101,6 +115,7 @@ class SelfModelAgent:
         config: AgentConfig | None = None,
         robot: Scenario | None = None,
         hold: int = 20,
+        teachers: Sequence[Teacher] | None = None,
     ) -> None:
         self.hold = integer("hold", hold, 1, 1000)
         self.dt = hold * TIMESTEP
@@ -120,6 +135,7 @@ class SelfModelAgent:
                     f"library must have gaits without a goal whose interval is hold, {hold} steps; "
                     f"got {gait!r}"
                 )
+        self.teachers = _check_teachers(teachers, library is None, hold)
 
     def begin(self, fin_angles: ArrayLike | None = None) -> None:
         """Begin an episode at rest, with the fins at angles (3,), rad; None infers them."""
@@ -142,11 +158,12 @@ class SelfModelAgent:
         self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[Thought[Recognised]] = []
-        self._chooser = GaitChooser(self.library, config, self.dt, self.events)
+        self._chooser = GaitChooser(self.library, self.teachers, config, self.dt, self.events)
+        self._chooser.begin(self.model)
 
     @property
-    def gait(self) -> Controller:
-        """The controller that it swims."""
+    def gait(self) -> Gait:
+        """The controller, or the told gait, that it swims."""
         return self._chooser.gait
 
     def reset(self, info: dict[str, Any]) -> None:
@@ -176,7 +193,9 @@ class SelfModelAgent:
             self._thoughts.remove(due[0])
             self._use(due[0])
         self._chooser.use_refined(self.model, self._steps)
-        self._action = self._chooser.act(self.model.state)
+        if self._chooses_again():
+            self._chooser.choose_again(self.model, self._steps)
+        self._action = self._chooser.act(self.model)
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
@@ -216,7 +235,7 @@ class SelfModelAgent:
         self.model = calibration.model
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
-            self._chooser.begin()
+            self._chooser.begin(self.model)
         self._foreign = calibration.foreign
         if self._steps == WATER_ACTIONS and calibration.other_water:
             self._log("water", calibration.other_water)
@@ -278,14 +297,48 @@ class SelfModelAgent:
         self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
         if changed:
-            self._change_gait()
+            self._change_gait(soon=True)
 
-    def _change_gait(self) -> None:
+    def _change_gait(self, soon: bool = False) -> None:
         """Swim the best known gait from now on, and refine it meanwhile."""
-        self._chooser.change(self.model, self._steps, self._foreign)
+        self._chooser.change(self.model, self._steps, self._water(), soon)
+
+    def _water(self) -> Water:
+        """Return how well the self-model knows the water."""
+        if not self._foreign or self._calibration is not None:
+            return Water(self._foreign, not self._foreign)
+        moments = self._moments[SETTLED_ACTIONS:CALIBRATION_ACTIONS]
+        gyro = np.array([moment.observed[GYRO_CHANNELS] for moment in moments])
+        return Water(self._foreign, predicts(self._drift[GYRO_CHANNELS], gyro))
+
+    def _chooses_again(self) -> bool:
+        """Whether the gait may be chosen again, in foreign water that the self-model predicts."""
+        if not self._foreign or self._calibration is not None or self._thoughts:
+            return False
+        settled = self._case is None or self._case.settled(self._steps)
+        return settled and self._water().predicted
 
     def _log(self, what: str, about: str) -> None:
         self.events.append(Event(self._steps * self.dt, what, about))
+
+
+def _check_teachers(
+    teachers: object, packaged: bool, hold: int
+) -> tuple[Teacher, Teacher] | tuple[()]:
+    """Return the teachers beside a library, which may be the packaged one."""
+    if teachers is None:
+        return (Teacher.load(), Teacher.load_any_water()) if packaged else ()
+    given = sequence("teachers", teachers)
+    if not len(given):
+        return ()
+    if len(given) != 2:
+        raise InvalidArgumentError(
+            f"teachers must be two, for known water and for any other, or none; got {len(given)}"
+        )
+    if hold != INTERVAL:
+        raise InvalidArgumentError(f"teachers need a hold of {INTERVAL} steps; got {hold}")
+    known, foreign = (instance("teachers", one, Teacher) for one in given)
+    return known, foreign
 
 
 def _alike(one: Scenario, other: Scenario) -> bool:

@@ -5,14 +5,25 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import act_in, begin_gait, gait_to_refine, imagine, swim_ahead
+from aquafish.online.gaits import gait_to_refine, imagine
 from aquafish.online.self_model import SelfModel
+from aquafish.online.swimming import Ahead, Gait, Swimmer, act_in, begin_gait, swim_ahead
+from aquafish.online.teacher import Teacher
 from aquafish.online.thinking import Event, Thought, thinking_actions
+from aquafish.online.told import (
+    FIRST_SIGMA,
+    LATER_SIGMA,
+    ToldAgent,
+    ToldGait,
+    imagine_told,
+    refine_told,
+)
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
@@ -21,6 +32,30 @@ from gait.search.evolve import EvolveConfig, evolve_gait
 SHORTEST_REFINEMENT_SECONDS = 2.0
 LONGEST_COMPARISON_SECONDS = 60.0  # a longer one does not end within the time for thinking
 REFINED_GAITS = 6  # of its own, the latest, among which it chooses beside the library's
+# In foreign water the model is good for a few seconds. So the gait is chosen again and again; a
+# change must gain a share of the way, or of that at a speed of 0.5 units/s.
+CHOOSE_AGAIN_SECONDS = 3.0
+AHEAD_SECONDS = 10.0
+SHORTEST_AHEAD_SECONDS = 2.0
+LEAST_GAIN = 0.04
+SLOW_SPEED = 0.5
+# The model predicts if the gyroscope's rms error ahead is below this share of its rms.
+PREDICTED_SHARE = 0.3
+
+
+class Water(NamedTuple):
+    """How well the self-model knows the water."""
+
+    foreign: bool = False  #: Whether it has another law than the model's.
+    predicted: bool = True  #: Whether the model predicts the gyroscope in it.
+
+
+class _Effort(NamedTuple):
+    """How long a refinement may search, and what it is charged."""
+
+    generations: int
+    told_generations: int
+    seconds: float
 
 
 class GaitChooser:
@@ -30,6 +65,8 @@ class GaitChooser:
     ----------
     library
         Gaits.
+    teachers
+        For the model's water and for any water; or none.
     config
         Settings.
     dt
@@ -39,35 +76,38 @@ class GaitChooser:
     """
 
     def __init__(
-        self, library: Sequence[Controller], config: AgentConfig, dt: float, events: list[Event]
+        self,
+        library: Sequence[Controller],
+        teachers: Sequence[Teacher],
+        config: AgentConfig,
+        dt: float,
+        events: list[Event],
     ) -> None:
         self.library = library
+        self.teachers = teachers
         self.config = config
         self.dt = dt
         self.events = events
-        self.refined: deque[Controller] = deque(maxlen=REFINED_GAITS)
+        self.refined: deque[Gait] = deque(maxlen=REFINED_GAITS)
+        self._action: NDArray[np.float32] = np.zeros(3, np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
-        self._thought: Thought[Controller] | None = None
-        self.begin()
+        self._effort: _Effort | None = None  # of the first refinement after a change
+        self._thought: Thought[Gait] | None = None
 
     @property
-    def gait(self) -> Controller:
-        """The controller that is swum."""
+    def gait(self) -> Gait:
+        """What is swum."""
         return self._swimming.controller
 
-    @property
-    def gaits(self) -> list[Controller]:
-        """The gaits that can be chosen: the library's, and those refined in this episode."""
-        return [*self.library, *self.refined]
-
-    def begin(self) -> None:
+    def begin(self, model: SelfModel) -> None:
         """Begin the library's first gait."""
-        self._swimming = begin_gait(self.library[0])
+        self._swimming: Swimmer = begin_gait(self.library[0], model.robot, self._action)
 
-    def act(self, state: Floats) -> NDArray[np.float32]:
-        """Return the next action (3,), in [-1, 1], in a state (25,)."""
-        return act_in(self._swimming, state)
+    def act(self, model: SelfModel) -> NDArray[np.float32]:
+        """Return the next action (3,), in [-1, 1], of a robot in its present state."""
+        self._action = act_in(self._swimming, model.robot, model.state)
+        return self._action
 
     def use_refined(self, model: SelfModel, step: int) -> None:
         """Use a refinement that is due at a step, and begin the next one."""
@@ -77,66 +117,171 @@ class GaitChooser:
         self._thought = None
         self.events.append(thought.event)
         if thought.result is not self.gait:
-            self._swimming = begin_gait(thought.result)
+            self._swimming = begin_gait(thought.result, model.robot, self._action)
             self.refined.append(thought.result)
         self._refine(model, step)
 
-    def change(self, model: SelfModel, step: int, foreign: bool) -> None:
+    def change(self, model: SelfModel, step: int, water: Water, soon: bool) -> None:
         """Swim the best known gait from a step on, and refine it meanwhile.
 
-        In ``foreign`` water no gait is refined: a gait refined on a wrong model does not carry over
-        to the robot.
+        Something broke, and a better gait is needed ``soon``. In foreign water no gait is refined:
+        a gait refined on a wrong model does not carry over to the robot.
         """
-        began = time.process_time()
-        left = self._left(step)
-        if left < self.dt:
+        seconds = self._left(step)
+        if seconds < self.dt:
             return
-        gaits = self.gaits
-        far = imagine(gaits, model.robot, model.state, left)
-        _, going_on = swim_ahead(self._swimming, model, 0, round(left / self.dt))
-        about = f"to go on, which should make {going_on:.1f} units"
-        if far.max() > going_on:
-            best = int(far.argmax())
-            self._swimming = begin_gait(gaits[best])
-            name = f"gait {best}" if best < len(self.library) else "a gait refined before"
-            about = f"{name}, which should make {far.max():.1f} units"
-        self.events.append(Event(step * self.dt, "chose", about, time.process_time() - began))
-        self._rounds = 0 if foreign else self.config.refinements
+        self._choose(model, step, seconds, water, least_gain=0.0)
+        config = self.config
+        self._rounds = 0 if water.foreign else config.refinements
+        both = config.both_seconds if self.teachers else config.refinement_seconds
+        self._effort = _Effort(config.generations, config.told_generations, both)
+        if soon:
+            self._effort = _Effort(
+                config.quick_generations, config.quick_told_generations, config.quick_seconds
+            )
         self._refine(model, step)
+
+    def choose_again(self, model: SelfModel, step: int) -> None:
+        """In foreign water that the model predicts, change the gait every now and then."""
+        seconds = min(AHEAD_SECONDS, self.config.seconds - step * self.dt)
+        if step % round(CHOOSE_AGAIN_SECONDS / self.dt) or seconds < SHORTEST_AHEAD_SECONDS:
+            return
+        self._choose(model, step, seconds, Water(foreign=True), LEAST_GAIN)
+
+    def _choose(
+        self, model: SelfModel, step: int, seconds: float, water: Water, least_gain: float
+    ) -> None:
+        """Swim what is imagined to swim farthest; a change must gain a share of the way."""
+        began = time.process_time()
+        gaits: list[Gait] = [*self._controllers()]
+        far = imagine(self._controllers(), model.robot, model.state, seconds)
+        if told := self._told(water):
+            told_far = imagine_told(told, model.robot, model.state, seconds, self._action)
+            gaits += told
+            far = np.concatenate([far, told_far])
+        going_on = swim_ahead(self._swimming, model, 0, round(seconds / self.dt)).way
+        about = f"to go on, which should make {going_on:.1f} units"
+        needed = least_gain * max(SLOW_SPEED * seconds, abs(going_on))
+        best = int(far.argmax())
+        if far[best] > going_on + needed:
+            about = f"{self._name(best)}, which should make {far[best]:.1f} units"
+            self._swimming = begin_gait(gaits[best], model.robot, self._action)
+        self.events.append(Event(step * self.dt, "chose", about, time.process_time() - began))
+
+    def _controllers(self) -> list[Controller]:
+        """Return the controllers that can be chosen: the library's, and those refined since."""
+        return [*self.library, *(g for g in self.refined if isinstance(g, Controller))]
+
+    def _told(self, water: Water) -> list[ToldGait]:
+        """Return the told gaits that can be chosen: the teacher, and those refined since."""
+        if not self.teachers or not water.predicted:
+            return []
+        if water.foreign:
+            return ToldGait.of(self.teachers[-1]).phases()
+        refined = [gait for gait in self.refined if isinstance(gait, ToldGait)]
+        gaits = [ToldGait.of(self.teachers[0]), *refined]
+        return [phase for gait in gaits for phase in gait.phases()]
+
+    def _name(self, number: int) -> str:
+        """Return what a gait is called, by its number among those that can be chosen."""
+        if number < len(self.library):
+            return f"gait {number}"
+        told = number >= len(self._controllers())
+        return "the told teacher" if told else "a gait refined before"
 
     def _left(self, step: int) -> float:
         """Return for how long, s, gaits are compared that begin at a step."""
         return min(self.config.seconds - step * self.dt, LONGEST_COMPARISON_SECONDS)
 
     def _refine(self, model: SelfModel, step: int) -> None:
-        """Begin to refine the gait, from the state that the robot will be in when that is done."""
+        """Begin to refine the gait, from the state that the robot will be in when that is done.
+
+        The first time after a change both a small gait and the teacher are refined, then what is
+        swum.
+        """
         began = time.process_time()
-        config = self.config
-        robot = model.robot
         self._thought = None
-        actions = thinking_actions(config.refinement_seconds, self.dt)
+        config = self.config
+        first = self._effort
+        effort = first or _Effort(
+            config.generations, config.told_generations, config.refinement_seconds
+        )
+        actions = thinking_actions(effort.seconds, self.dt)
         left = self._left(step + actions)
         if not self._rounds or left < SHORTEST_REFINEMENT_SECONDS:
             return
         self._rounds -= 1
-        until = actions + round(left / self.dt)
-        state, expected = swim_ahead(self._swimming, model, actions, until)
-        first = gait_to_refine(self.gait, self.gaits, robot, state, left)
+        self._effort = None
+        ahead = swim_ahead(self._swimming, model, actions, actions + round(left / self.dt))
+        told = isinstance(self.gait, ToldGait)
+        found: list[tuple[Gait, float]] = [(self.gait, ahead.way)]
+        if first or not told:
+            found += self._refine_controller(model, ahead, left, effort)
+        if told or (first and self.teachers):
+            sigma = FIRST_SIGMA if first else LATER_SIGMA
+            found.append(self._refine_told(model, ahead, left, effort, actions, sigma))
+        best, far = max(found, key=lambda one: one[1])
+        about = f"from {ahead.way:.1f} to {far:.1f} units"
+        event = Event(step * self.dt, "refined", about, time.process_time() - began)
+        self._thought = Thought(step + actions, event, best)
+
+    def _refine_controller(
+        self, model: SelfModel, ahead: Ahead, seconds: float, effort: _Effort
+    ) -> list[tuple[Gait, float]]:
+        """Return a small gait, refined, and its way; nothing if there is none."""
+        robot = model.robot
+        swum = self.gait if isinstance(self.gait, Controller) else None
+        first = gait_to_refine(swum, self._controllers(), robot, ahead.state, seconds)
         if first is None:
-            return
-        found = evolve_gait(
+            return []
+        evolved = evolve_gait(
             robot.body[0],
             EvolveConfig(
-                generations=config.generations,
-                seconds=left,
+                generations=effort.generations,
+                seconds=seconds,
                 seed=int(self._rng.integers(2**32)),
                 threads=1,
             ),
             first=first,
-            start=state,
+            start=ahead.state,
             world=WorldConfig.of(robot),
         )
-        about = f"from {expected:.1f} to {found.fitness:.1f} units"
-        better = found.controller if found.fitness > expected else self.gait
-        event = Event(step * self.dt, "refined", about, time.process_time() - began)
-        self._thought = Thought(step + actions, event, better)
+        return [(evolved.controller, evolved.fitness)]
+
+    def _refine_told(
+        self,
+        model: SelfModel,
+        ahead: Ahead,
+        seconds: float,
+        effort: _Effort,
+        actions: int,
+        sigma: float,
+    ) -> tuple[Gait, float]:
+        """Return the told gait that is swum, or else the best one, refined, and its way."""
+        swum = self._swimming
+        if isinstance(swum, ToldAgent):
+            first = swum.after(actions)
+        else:
+            gaits = self._told(Water())
+            far = imagine_told(gaits, model.robot, ahead.state, seconds, ahead.action)
+            first = gaits[int(far.argmax())]
+        return refine_told(
+            first,
+            model.robot,
+            ahead.state,
+            seconds,
+            ahead.action,
+            effort.told_generations,
+            np.random.default_rng(int(self._rng.integers(2**32))),
+            sigma,
+        )
+
+
+def predicts(drift: Floats, observed: Floats) -> bool:
+    """Return whether a self-model predicts the gyroscope.
+
+    ``drift`` (3,) is the rms error of its open-loop predictions, and ``observed`` (K, 3) what the
+    gyroscope read, rad/s; NaN where it did not.
+    """
+    power = np.nanmean(np.square(observed)) if np.isfinite(observed).any() else 0.0
+    return bool(np.mean(np.square(drift)) < PREDICTED_SHARE**2 * power)

@@ -23,21 +23,29 @@ class AgentConfig:
     gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
     #: Numbers of observations from an alarm on with which the robot is inferred, again each time.
     inferences: tuple[int, ...] = (3, 5, 8, 12, 18)
-    refinements: int = 4  #: Of a gait, one after the other; 0 only chooses it from the library.
-    generations: int = 125  #: Of each refinement.
+    refinements: int = 4  #: Of a gait, one after the other; 0 only chooses among known ones.
+    generations: int = 125  #: Of a refinement of a small gait.
+    told_generations: int = 14  #: Of a refinement of the told teacher.
+    #: The same of the first refinement after a fault, which must be there soon.
+    quick_generations: int = 42
+    quick_told_generations: int = 6
     #: Thinking time, s, after which an inference and a refinement can be used, with the next action
     #: at the earliest; the robot swims on.
     inference_seconds: float = 0.4
     refinement_seconds: float = 1.2
+    both_seconds: float = 1.4  #: Of a refinement of a small gait and of the told teacher.
+    quick_seconds: float = 0.4  #: Of the first refinement after a fault.
     seed: int = 0  #: Of the refinement.
 
     def __post_init__(self) -> None:
-        for name in ("seconds", "inference_seconds", "refinement_seconds"):
-            finite_array(name, getattr(self, name), (), 0.0, unit="s")
+        for name in vars(self):
+            if name.endswith("seconds"):
+                finite_array(name, getattr(self, name), (), 0.0, unit="s")
+            elif name.endswith("generations"):
+                integer(name, getattr(self, name), 1)
         check_row("gyro_noise", self.gyro_noise)
         flag("gyro_only", self.gyro_only)
         integer("refinements", self.refinements, 0)
-        integer("generations", self.generations, 1)
         integer("seed", self.seed, 0)
         given = self.inferences
         numbers = list(given) if isinstance(given, list | tuple) else []

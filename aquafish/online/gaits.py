@@ -1,4 +1,4 @@
-"""Gaits on the self-model: which swims farthest from its very state, and the one being swum."""
+"""The library's gaits, and which of some swims farthest on the self-model from its very state."""
 
 from __future__ import annotations
 
@@ -6,18 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from aquafish.online.self_model import SelfModel, imu_readings
-from aquafish_gym.command import scale_action
-from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.scores.fitness import swim_scores
 
@@ -55,46 +47,17 @@ def imagine(
 
 
 def gait_to_refine(
-    swum: Controller, gaits: Sequence[Controller], robot: Scenario, state: Floats, seconds: float
+    swum: Controller | None,
+    gaits: Sequence[Controller],
+    robot: Scenario,
+    state: Floats,
+    seconds: float,
 ) -> Controller | None:
     """Return the gait that is swum; if it is too large to refine, the best small one, if any.
 
-    The others are compared as by :func:`imagine`.
+    The others are compared as by :func:`imagine`. ``swum`` is None for a told gait.
     """
-    if swum.nodes <= MAXIMUM_REFINED_NODES:
+    if swum is not None and swum.nodes <= MAXIMUM_REFINED_NODES:
         return swum
     small = [gait for gait in gaits if gait.nodes <= MAXIMUM_REFINED_NODES]
     return small[int(imagine(small, robot, state, seconds).argmax())] if small else None
-
-
-def begin_gait(gait: Controller) -> ControllerAgent:
-    """Return an agent that swims a gait, beginning now; see :func:`act_in`."""
-    agent = ControllerAgent(gait)
-    agent.reset({"fin_angles": np.zeros(3)})  # act_in sets them
-    return agent
-
-
-def act_in(agent: ControllerAgent, state: Floats) -> NDArray[np.float32]:
-    """Return the next action (3,), in [-1, 1], in a state (25,), whose fin angles it knows."""
-    agent.fin_angles = angles_of_rows(state)[None]
-    return agent.act(imu_readings(state[:, None])[0])
-
-
-def swim_ahead(
-    agent: ControllerAgent, model: SelfModel, actions: int, until: int
-) -> tuple[Floats, float]:
-    """Return the state (25,) after some actions, and the way from there until another, units.
-
-    Both are counted from now. A copy of the agent swims: it does not change itself.
-    """
-    swimmer = agent.copy()
-    lanes = LaneBatch(model.robot, threads=1)
-    lanes.states[:] = model.state[:, None]
-    states = [model.state]
-    for _ in range(until):
-        action = act_in(swimmer, states[-1])
-        lanes.advance(scale_action(action[None]), model.hold)
-        states.append(lanes.states[:, 0].astype(np.float64))
-    then = states[actions]
-    y = FIELDS["position"].start + 1
-    return then, float(states[-1][y] - then[y])

@@ -15,6 +15,7 @@ from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.utils.validation import instance
 from gait.controllers.controller import Controller
 from gait.scores.episode import transitions
 from gait.scores.rollout import random_poses
@@ -45,13 +46,23 @@ def swim_on(
     end = ONSET_SECONDS + config.seconds
     task = SwimForward(seconds=0.2 * math.ceil(end / 0.2 - 1e-9))
     env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task)
-    settings = AgentConfig(end, gyro_noise=noise, gyro_only=True, refinements=1, seed=config.seed)
+    settings = AgentConfig(
+        end,
+        gyro_noise=noise,
+        gyro_only=True,
+        refinements=1,  # which therefore may take as long as any
+        quick_generations=AgentConfig.generations,
+        quick_seconds=AgentConfig.refinement_seconds,
+        seed=config.seed,
+    )
     env.reset(seed=config.seed)
-    agents = []
+    bodies = []
+    gaits = []
     native = []
     target = []
     for pose in (np.zeros(3), *random_poses(config.poses, config.seed)):
-        agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology))
+        # Without teachers: the case study compares and exports controllers.
+        agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology), teachers=())
         observation, _ = env.reset(options={"fin_angles": pose})
         agent.begin(pose)
         steps = list(transitions(env, agent.act, observation))
@@ -59,8 +70,9 @@ def swim_on(
         first, last = np.interp((ONSET_SECONDS, end), env.dt * np.arange(len(way)), way)
         target.append(math.nan if steps[-1].terminated else last - first)
         model = agent.model
-        native.append(imagine([agent.gait], model.robot, model.state, config.seconds)[0])
-        agents.append(agent)
+        gait = instance("gait", agent.gait, Controller)
+        native.append(imagine([gait], model.robot, model.state, config.seconds)[0])
+        bodies.append(model.robot.body[0])
+        gaits.append(gait)
     env.close()
-    body = Morphology.from_array(agents[0].model.robot.body[0])
-    return body, agents[0].gait, np.array(native), np.array(target)
+    return Morphology.from_array(bodies[0]), gaits[0], np.array(native), np.array(target)

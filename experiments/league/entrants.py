@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library, read_library
+from aquafish.online.teacher import Teacher
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
 from experiments.league.policy import FixedGait, Offline, Policy, PolicyAgent
@@ -95,6 +96,16 @@ def _library(*gaits: int) -> Offline:
     return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
 
 
+def _library_and_teachers() -> Offline:
+    """Return what the gaits and the told teachers of the agent took."""
+    told = [Teacher.load().offline, Teacher.load_any_water().offline]
+    gaits = _library()
+    return Offline(
+        gaits.steps + sum(int(one["steps"]) for one in told),
+        gaits.seconds + sum(one["seconds"] for one in told),
+    )
+
+
 @dataclass(frozen=True)
 class Entry:
     """How an entrant is made, and what was spent on it before its first episode.
@@ -113,7 +124,7 @@ class Entry:
 
 
 def _self_model(kind: type[SelfModelAgent] = SelfModelAgent, **more: Any) -> Entry:
-    return Entry(lambda **known: kind(config=AgentConfig(**known, **more)), _library)
+    return Entry(lambda **known: kind(config=AgentConfig(**known, **more)), _library_and_teachers)
 
 
 def _gait(number: int) -> Entry:
@@ -128,7 +139,9 @@ def _archive() -> tuple[tuple[Controller, ...], Floats, Floats, Offline]:
     return load_archive(MADE / "archive.json")
 
 
-_FREE: dict[str, Any] = {"inference_seconds": 0.0, "refinement_seconds": 0.0}
+_FREE: dict[str, Any] = dict.fromkeys(
+    ("inference_seconds", "refinement_seconds", "both_seconds", "quick_seconds"), 0.0
+)
 ENTRANTS: dict[str, Entry] = {
     "still": Entry(lambda **_: Still()),
     "CMA-ES, fins": _gait(1),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,29 @@ STAGES: Stages = ((6, 50), (3, 100))
 Build = Callable[[NDArray[np.float64]], list[Controller]]  # of vectors (P, D)
 
 
+def evolution_strategy(
+    first: NDArray[np.float64],
+    population: int,
+    rng: np.random.Generator,
+    sigma: float,
+    diagonal: bool = False,
+) -> Any:
+    """Return pycma's CMA-ES from a vector (D,), which draws from ``rng`` and never stops itself."""
+    import cma  # slow to import
+
+    unlimited = ("maxiter", "tolstagnation", "tolflatfitness", "tolconditioncov", "tolfacupx")
+    options = {
+        "popsize": population,
+        "CMA_diagonal": diagonal,
+        "seed": np.nan,  # leaves numpy's global generator alone
+        "randn": lambda *shape: rng.standard_normal(shape),
+        "verbose": -9,
+        **dict.fromkeys((*unlimited, "tolupsigma"), np.inf),
+        **dict.fromkeys(("tolx", "tolfun", "tolfunhist", "tolfunrel"), 0.0),
+    }
+    return cma.CMAEvolutionStrategy(first, sigma, options)
+
+
 class Strategy:
     """One CMA-ES with a diagonal covariance matrix, as a :class:`~gait.search.ask_tell.Search`.
 
@@ -47,19 +71,7 @@ class Strategy:
         rng: np.random.Generator,
         sigma: float = SIGMA,
     ) -> None:
-        import cma  # slow to import
-
-        unlimited = ("maxiter", "tolstagnation", "tolflatfitness", "tolconditioncov", "tolfacupx")
-        options = {
-            "popsize": population,
-            "CMA_diagonal": True,
-            "seed": np.nan,  # leaves numpy's global generator alone
-            "randn": lambda *shape: rng.standard_normal(shape),
-            "verbose": -9,
-            **dict.fromkeys((*unlimited, "tolupsigma"), np.inf),
-            **dict.fromkeys(("tolx", "tolfun", "tolfunhist", "tolfunrel"), 0.0),
-        }
-        self._strategy = cma.CMAEvolutionStrategy(first, sigma, options)
+        self._strategy = evolution_strategy(first, population, rng, sigma, diagonal=True)
         self._build = build
         self._generation = 0
         self.final = -np.inf

@@ -1,0 +1,154 @@
+"""Told gaits: a teacher and seven numbers, imagined, refined and swum on what the agent infers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish.online.teacher import INTERVAL, NUMBER_SCALES, Teacher, ToldNetwork
+from aquafish_gym.command import servo_speeds
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Floats
+from gait.scores.fitness import penalize_diverged
+from gait.search.cma import evolution_strategy
+
+PHASES = 8  # of its clock in which a teacher stands among the gaits
+POPULATION = 32
+#: Initial step of a refinement, in standard deviations of the numbers.
+FIRST_SIGMA = 0.5
+LATER_SIGMA = 0.3
+BUDGET_ACTIONS = 200  # of a swim for which a number of generations is meant
+MOST_GENERATIONS_RATIO = 3  # of a short swim to those that are meant
+_PHASE = 6  # of the numbers
+_NORTHING = FIELDS["position"].start + 1
+
+
+@dataclass(frozen=True, eq=False)
+class ToldGait:
+    """A gait: a teacher with seven numbers of its own; see ``NUMBER_SCALES``."""
+
+    teacher: Teacher
+    numbers: Floats
+
+    @classmethod
+    def of(cls, teacher: Teacher) -> Self:
+        """Return the teacher as it was trained."""
+        return cls(teacher, np.zeros(len(NUMBER_SCALES)))
+
+    def phases(self) -> list[ToldGait]:
+        """Return it in eight phases of its clock."""
+        return [
+            self.at_phase(float(self.numbers[_PHASE] * NUMBER_SCALES[_PHASE]) + TAU * k / PHASES)
+            for k in range(PHASES)
+        ]
+
+    def at_phase(self, phase: float) -> ToldGait:
+        """Return it with a clock that begins at a phase, rad."""
+        numbers = self.numbers.copy()
+        numbers[_PHASE] = phase % TAU / NUMBER_SCALES[_PHASE]
+        return ToldGait(self.teacher, numbers)
+
+
+class ToldAgent:
+    """An agent that swims a told gait, beginning now.
+
+    Parameters
+    ----------
+    gait
+        What it swims.
+    robot
+        A scenario of one: what broke.
+    previous
+        (3,) the action before its first.
+    """
+
+    def __init__(self, gait: ToldGait, robot: Scenario, previous: NDArray[np.floating]) -> None:
+        self.controller = gait
+        self._robot = robot
+        self._network = ToldNetwork(gait.teacher, gait.numbers[None], robot, previous)
+
+    def after(self, actions: int) -> ToldGait:
+        """Return its gait with the phase that its clock will have after some actions."""
+        network = self._network
+        return self.controller.at_phase(float(network.phase[0] + actions * network.clock_step[0]))
+
+    def tell(self, robot: Scenario) -> None:
+        """Tell it what broke."""
+        if robot is not self._robot:
+            self._robot = robot
+            self._network.tell(robot)
+
+    def act(self, state: Floats) -> NDArray[np.float32]:
+        """Return the next action (3,), in [-1, 1], in a state (25,)."""
+        return self._network.act(state[:, None])[:, 0].copy()
+
+    def copy(self) -> ToldAgent:
+        """Return an agent that goes on from here, without effect on this one."""
+        other = object.__new__(ToldAgent)
+        vars(other).update(vars(self), _network=self._network.copy())
+        return other
+
+
+def imagine_told(
+    gaits: Sequence[ToldGait],
+    robot: Scenario,
+    state: Floats,
+    seconds: float,
+    previous: NDArray[np.floating],
+) -> Floats:
+    """Return how far (P,) told gaits of one teacher swim along +y from a state (25,), in units.
+
+    ``robot`` is a scenario of one, of which they are told, and ``previous`` (3,) the action before.
+    """
+    numbers = np.array([gait.numbers for gait in gaits])
+    network = ToldNetwork(gaits[0].teacher, numbers, robot, previous)
+    lanes = LaneBatch(robot.take(np.zeros(len(numbers), np.intp)), threads=1)
+    lanes.states[:] = state[:, None]
+    with np.errstate(over="ignore", invalid="ignore"):  # of robots that diverge
+        for _ in range(round(seconds / (INTERVAL * TIMESTEP))):
+            action = network.act(lanes.states)
+            lanes.advance(np.array(servo_speeds(tuple(action))).T, INTERVAL)
+    far = lanes.states[_NORTHING].astype(np.float64) - state[_NORTHING]
+    return penalize_diverged(far, seconds)
+
+
+def refine_told(
+    first: ToldGait,
+    robot: Scenario,
+    state: Floats,
+    seconds: float,
+    previous: NDArray[np.floating],
+    generations: int,
+    rng: np.random.Generator,
+    sigma: float = FIRST_SIGMA,
+) -> tuple[ToldGait, float]:
+    """Return the best told gait that CMA-ES finds, and how far it swims, units.
+
+    ``generations`` are those of a swim of 40 s; a shorter swim has more of them. See
+    :func:`imagine_told` for the others.
+    """
+    actions = round(seconds / (INTERVAL * TIMESTEP))
+    count = math.ceil(generations * BUDGET_ACTIONS / actions)
+    count = min(count, MOST_GENERATIONS_RATIO * generations)
+    strategy = evolution_strategy(first.numbers, POPULATION, rng, sigma)
+    best = first
+    farthest = -math.inf
+    for generation in range(count):
+        vectors = strategy.ask()
+        gaits = [ToldGait(first.teacher, vector) for vector in vectors]
+        if not generation:
+            gaits.append(first)
+        far = imagine_told(gaits, robot, state, seconds, previous)
+        strategy.tell(vectors, (-far[: len(vectors)]).tolist())
+        if far.max() > farthest:
+            farthest = float(far.max())
+            best = gaits[int(far.argmax())]
+    return best, farthest
