@@ -31,7 +31,7 @@ from gait.search.evolve import EvolveConfig, evolve_gait
 
 SHORTEST_REFINEMENT_SECONDS = 2.0
 LONGEST_COMPARISON_SECONDS = 60.0  # a longer one does not end within the time for thinking
-REFINED_GAITS = 6  # of its own, the latest, among which it chooses beside the library's
+REFINED_GAITS = 8  # of its own, the latest, among which it chooses beside the library's
 # In foreign water the model is good for a few seconds. So the gait is chosen again and again; a
 # change must gain a share of the way, or of that at a speed of 0.5 units/s.
 CHOOSE_AGAIN_SECONDS = 3.0
@@ -51,7 +51,7 @@ class Water(NamedTuple):
 
 
 class _Effort(NamedTuple):
-    """How long a refinement may search, and what it is charged."""
+    """How long a refinement may search, and what thinking time it is charged."""
 
     generations: int
     told_generations: int
@@ -92,8 +92,8 @@ class GaitChooser:
         self._action: NDArray[np.float32] = np.zeros(3, np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
-        self._effort: _Effort | None = None  # of the first refinement after a change
-        self._thought: Thought[Gait] | None = None
+        self._efforts: list[_Effort] = []  # of the refinements to come of both kinds of gaits
+        self._thought: Thought[list[Gait]] | None = None
 
     @property
     def gait(self) -> Gait:
@@ -116,9 +116,10 @@ class GaitChooser:
             return
         self._thought = None
         self.events.append(thought.event)
-        if thought.result is not self.gait:
-            self._swimming = begin_gait(thought.result, model.robot, self._action)
-            self.refined.append(thought.result)
+        best = thought.result[0]
+        self.refined.extend(gait for gait in thought.result[::-1] if gait is not self.gait)
+        if best is not self.gait:
+            self._swimming = begin_gait(best, model.robot, self._action)
         self._refine(model, step)
 
     def change(self, model: SelfModel, step: int, water: Water, soon: bool) -> None:
@@ -133,11 +134,16 @@ class GaitChooser:
         self._choose(model, step, seconds, water, least_gain=0.0)
         config = self.config
         self._rounds = 0 if water.foreign else config.refinements
-        both = config.both_seconds if self.teachers else config.refinement_seconds
-        self._effort = _Effort(config.generations, config.told_generations, both)
+        self._efforts = []
         if soon:
-            self._effort = _Effort(
-                config.quick_generations, config.quick_told_generations, config.quick_seconds
+            self._efforts.append(
+                _Effort(
+                    config.quick_generations, config.quick_told_generations, config.quick_seconds
+                )
+            )
+        if self.teachers:
+            self._efforts.append(
+                _Effort(config.generations, config.told_generations, config.both_seconds)
             )
         self._refine(model, step)
 
@@ -196,34 +202,35 @@ class GaitChooser:
     def _refine(self, model: SelfModel, step: int) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done.
 
-        The first time after a change both a small gait and the teacher are refined, then what is
-        swum.
+        At first after a change both a small gait and the teacher are refined, then what is swum.
         """
         began = time.process_time()
         self._thought = None
         config = self.config
-        first = self._effort
-        effort = first or _Effort(
-            config.generations, config.told_generations, config.refinement_seconds
-        )
+        effort = _Effort(config.generations, config.told_generations, config.refinement_seconds)
+        both = bool(self._efforts)
+        if both:
+            effort = self._efforts[0]
         actions = thinking_actions(effort.seconds, self.dt)
         left = self._left(step + actions)
         if not self._rounds or left < SHORTEST_REFINEMENT_SECONDS:
             return
         self._rounds -= 1
-        self._effort = None
+        self._efforts = self._efforts[1:]
         ahead = swim_ahead(self._swimming, model, actions, actions + round(left / self.dt))
         told = isinstance(self.gait, ToldGait)
         found: list[tuple[Gait, float]] = [(self.gait, ahead.way)]
-        if first or not told:
+        if both or not told:
             found += self._refine_controller(model, ahead, left, effort)
-        if told or (first and self.teachers):
-            sigma = FIRST_SIGMA if first else LATER_SIGMA
+        if told or (both and self.teachers):
+            sigma = FIRST_SIGMA if both else LATER_SIGMA
             found.append(self._refine_told(model, ahead, left, effort, actions, sigma))
-        best, far = max(found, key=lambda one: one[1])
-        about = f"from {ahead.way:.1f} to {far:.1f} units"
+        found.sort(key=lambda one: -one[1])
+        about = f"from {ahead.way:.1f} to {found[0][1]:.1f} units"
         event = Event(step * self.dt, "refined", about, time.process_time() - began)
-        self._thought = Thought(step + actions, event, best)
+        # Of both kinds the lesser one stays, too: it may be refined, or chosen after a next change.
+        kept = found if both else found[:1]
+        self._thought = Thought(step + actions, event, [gait for gait, _ in kept])
 
     def _refine_controller(
         self, model: SelfModel, ahead: Ahead, seconds: float, effort: _Effort

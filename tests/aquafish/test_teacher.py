@@ -11,17 +11,19 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.choosing import predicts
+from aquafish.online.choosing import GaitChooser, Water, predicts
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
 from aquafish.online.teacher import NUMBER_SCALES, SHAPES, Teacher, ToldNetwork
+from aquafish.online.thinking import Event
 from aquafish.online.told import ToldGait, imagine_told, refine_told
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.controllers.controller import Controller
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import Senses
 
@@ -169,6 +171,49 @@ def test_the_agent_swims_a_teacher_that_swims_farthest(monkeypatch: pytest.Monke
     env.close()
     assert isinstance(agent.gait, ToldGait)
     assert all("the told teacher" in e.about for e in agent.events if e.what == "chose")
+
+
+def test_it_chooses_again_where_it_gains_a_share_of_the_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = SelfModel(Scenario.create(), (0.3, 1.0, 2.0))
+    teachers = (random_teacher(0), random_teacher(1))
+    events: list[Event] = []
+    chooser = GaitChooser(load_library(), teachers, AgentConfig(), 0.2, events)
+    chooser.begin(model)
+    far = {"units": 0.0}
+    seen = list[object]()
+
+    def imagined(gaits: list[ToldGait], *rest: object) -> Floats:
+        seen.extend([gaits[0].teacher, rest[2]])
+        return np.full(len(gaits), far["units"])
+
+    monkeypatch.setattr("aquafish.online.choosing.imagine_told", imagined)
+    monkeypatch.setattr("aquafish.online.choosing.imagine", lambda gaits, *_: np.zeros(len(gaits)))
+    going_on = swim_ahead(begin_gait(load_library()[0], model.robot, np.zeros(3)), model, 0, 50).way
+    for step, factor, told in ((150, 1.02, False), (151, 2.0, False), (165, 1.1, True)):
+        far["units"] = factor * going_on
+        chooser.choose_again(model, step)
+        assert isinstance(chooser.gait, ToldGait) == told
+    assert seen == [teachers[1], 10.0] * 2
+    assert [event.what for event in events] == ["chose"] * 2
+
+
+def test_both_kinds_of_gaits_are_refined_at_first() -> None:
+    model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
+    config = AgentConfig(
+        generations=1, told_generations=1, quick_generations=1, quick_told_generations=1
+    )
+    events: list[Event] = []
+    teachers = (random_teacher(0), random_teacher(1))
+    chooser = GaitChooser(load_library(), teachers, config, 0.2, events)
+    chooser.begin(model)
+    chooser.change(model, 200, Water(), soon=True)
+    for step in range(200, 230):
+        chooser.use_refined(model, step)
+    refined = [event.seconds for event in events if event.what == "refined"]
+    assert refined == pytest.approx([40.0, 40.4, 41.8, 43.0])  # quick, both, and twice one
+    assert {type(gait) for gait in chooser.refined} == {Controller, ToldGait}
 
 
 def test_a_library_of_ones_own_has_no_teachers() -> None:
