@@ -23,13 +23,14 @@ def do_table(
     workers: int | None,
     pictures: tuple[str, ...] = (),
     warm_up: Callable[[Sequence[Job]], object] = lambda _jobs: None,
+    scheduler: str | None = None,
 ) -> list[list[str]]:
     """Run all jobs in a folder; return the table of their results, written to ``table.md``.
 
     ``tabulate`` takes the results in the order of the jobs. The
     first column is aligned to the left, the others to the right. ``tabulate`` may draw
     ``pictures``, of these names, in the folder. For ``kind`` and ``settings`` see
-    ``write_manifest``, for ``warm_up`` ``run_jobs``.
+    ``write_manifest``, for ``workers``, ``scheduler`` and ``warm_up`` ``run_jobs``.
 
     Raises
     ------
@@ -39,7 +40,7 @@ def do_table(
     folder = ensure_writable_directory(out)
     with lock(folder):
         write_manifest(folder, kind, settings, ("table.md", *pictures))
-        failures = run_jobs(jobs, work, folder, count=workers, warm_up=warm_up)
+        failures = run_jobs(jobs, work, folder, count=workers, scheduler=scheduler, warm_up=warm_up)
         exit_if_failed(failures)
         rows = tabulate([read_result(folder, job) or {} for job in jobs])
         write_bytes(folder / "table.md", markdown(rows).encode())

@@ -4,17 +4,19 @@
 
 Every entrant plays the same episodes of AquaFishRecovery-v0, which last 60 s, without a reset. In
 the tiers severe, moderate and mild something random breaks between 15 and 30 s; held-out has 26
-frozen damages, of which --episodes 130 plays each five times; in none nothing breaks. An agent of
-your own enters as a class with ``begin(fin_angles)`` and ``act(observation)``: add it to
-``ENTRANTS``.
+frozen damages, of which --episodes 130 plays each five times; in none nothing breaks. With --task
+return they play AquaFishReturn-v0, of which the table has the share of successes. An agent of your
+own enters as a class with ``begin(fin_angles)`` and ``act(observation)``: add it to ``ENTRANTS``.
 
-DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, gain.md, pace.png and a
-file for each episode. The same command resumes. gain.md has the self-model's gain over each entrant
-in the same episodes, and how often each is successful.
+DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, blind.md, gain.md,
+pace.png and a file for each episode. The same command resumes. blind.md has each entrant's gain
+over *blind* in the same episodes: what recognising is worth. gain.md has the self-model's gain over
+each entrant, and how often each is successful. ``experiments.league.whole`` plays all tables.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -23,17 +25,31 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from aquafish_gym.engines.packages import available_cores
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.runs.command_line import Out
+from aquafish_gym.runs.jobs import finished
+from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.storage import write_bytes, write_document
-from aquafish_gym.utils.validation import finite_array, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from experiments.league.entrants import ENTRANTS
-from experiments.league.episodes import TIERS, Episode, Sensing, Water, play
+from experiments.league.episodes import (
+    SECONDS,
+    TIERS,
+    Episode,
+    Seeds,
+    Sensing,
+    Task,
+    episode_numbers,
+    play,
+)
 from experiments.league.statistics import Result, pace_figure, summary
+from experiments.league.waters import Water
 from experiments.tables import do_table, markdown
 
-SCHEMA = "aquafish.league/2"
+SCHEMA = "aquafish.league/3"
 HERO = "self-model"
+BLIND = "blind"
 ORACLE = "oracle"
 
 
@@ -52,43 +68,74 @@ class League:
     ] = ("severe", "moderate", "mild")
     episodes: int = 100
     """Episodes of each tier."""
+    seeds: Seeds = "published"
+    """Set of the episodes. Make and tune agents on development alone, play held-out once."""
     first: int = 0
-    """The number of the first episode; those of the reference scores are 0 to 99."""
+    """The first episode of the set."""
+    task: Task = "recovery"
+    """To swim on for the whole time, or to return to a line of buoys in time."""
     noise: float = 0.01
     """Standard deviation of the gyroscope's noise, rad/s."""
     water: Water = "still"
     """Still; with an unknown current of up to 0.2 units/s; with added mass; MuJoCo's own drag, or
-    drag, lift and added mass (extra bench); or still, with PyBullet's mechanics."""
+    drag, lift and added mass (extra bench); with vortices; with skin friction x 5 and fins twice as
+    dense; or still, with PyBullet's mechanics."""
     sensing: Sensing = "fins"
     """What is sensed beside the gyroscope: the IMU's directions and the initial fin angles; the
     directions; or nothing."""
-    seconds: float = 60.0
+    seconds: float = SECONDS
     """Length of an episode, s."""
     workers: int | None = None
     """Processes; every core if not given. No result but the CPU times depends on it."""
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Address of a dask scheduler whose workers play, such as tcp://host:8786. They must be able to
+    import this clone: start them with its folder in PYTHONPATH."""
 
-    def execute(self) -> None:
-        """Play the missing episodes; write league.json, table.md, gain.md and pace.png."""
+    def jobs(self) -> list[Episode]:
+        """Return all episodes; refuse settings that cannot be played."""
         for name, known in (("entrants", ENTRANTS), ("tiers", TIERS)):
             for one in getattr(self, name):
                 one_of(name, one, known)
         integer("episodes", self.episodes, 1)
         integer("first", self.first, 0)
-        finite_array("seconds", self.seconds, (), 60.0, 3600.0, "s")
-        settings = {
-            name: getattr(self, name) for name in ("noise", "water", "sensing", "seconds", "first")
-        }
-        conditions = self.noise, self.water, self.sensing, self.seconds
-        jobs = [
-            Episode(entrant, tier, self.first + i, *conditions)
-            for i in range(self.episodes)
+        finite_array("seconds", self.seconds, (), SECONDS, 3600.0, "s")
+        if self.task == "return":
+            finite_array("seconds", self.seconds, (), SECONDS, SECONDS, "s of the task return")
+            if self.water == "current":
+                raise InvalidArgumentError(
+                    "water must not be current in the task return, which has its own; try still"
+                )
+        check_workers(self.workers, self.scheduler)
+        conditions = self.noise, self.water, self.sensing, self.seconds, self.task
+        return [
+            Episode(entrant, tier, number, *conditions)
+            for number in episode_numbers(self.seeds, self.first, self.episodes)
             for tier in self.tiers
             for entrant in self.entrants
         ]
+
+    def cpu_left(self) -> tuple[int, float]:
+        """Return how many episodes are missing, and about how many CPU seconds they take."""
+        jobs = self.jobs()
+        done = finished(self.out, jobs)
+        left = [job for job in jobs if job not in done]
+        scale = self.seconds / SECONDS
+        return len(left), sum(scale * ENTRANTS[job.entrant].cpu for job in left)
+
+    def execute(self) -> None:
+        """Play the missing episodes; write league.json, the tables and pace.png."""
+        jobs = self.jobs()
+        missing, cpu = self.cpu_left()
+        print(expectation(missing, len(jobs), cpu, self.workers, self.scheduler), file=sys.stderr)
+        settings = {
+            name: getattr(self, name)
+            for name in ("noise", "water", "sensing", "seconds", "seeds", "first", "task")
+        }
         rows = do_table(
-            jobs, play, self.out, "a league", settings,
-            partial(self._tabulate, jobs), self.workers, ("league.json", "gain.md", "pace.png"),
+            jobs, play, self.out, "a league", settings, partial(self._tabulate, jobs),
+            self.workers, ("league.json", "blind.md", "gain.md", "pace.png"),
             lambda missing: play(missing[0]),  # compiles for all
+            self.scheduler,
         )  # fmt: skip
         for row in rows:
             print("  ".join(f"{cell:>20}" if i else f"{cell:26}" for i, cell in enumerate(row)))
@@ -104,8 +151,12 @@ class League:
                 tier: summary(
                     played[entrant, tier],
                     len(TIERS[tier]),
+                    {
+                        other: played[other, tier]
+                        for other in (BLIND, HERO, ORACLE)
+                        if other in self.entrants and other != entrant
+                    },
                     played.get((ORACLE, tier)),
-                    played.get((HERO, tier)),
                 )
                 for tier in self.tiers
             }
@@ -113,7 +164,10 @@ class League:
         }
         write_document(self.out / "league.json", league, SCHEMA)
         save_figure(pace_figure(played, self.entrants, self.tiers), self.out / "pace.png")
+        write_bytes(self.out / "blind.md", markdown(self._over_blind(league)).encode())
         write_bytes(self.out / "gain.md", markdown(self._gains(league)).encode())
+        if self.task == "return":
+            return self._returns(league)
         tier = self.tiers[0]
         rows = [
             [
@@ -130,7 +184,7 @@ class League:
                 [
                     entrant,
                     *(_interval(tiers[one]["way_after_onset"]) for one in self.tiers),
-                    _interval(tiers[tier]["lost"]) if "lost" in tiers[tier] else "-",
+                    _gain(tiers[tier], ORACLE, -1.0),
                     ", ".join(f"{some['median']:.1f}" for some in times) or "-",
                     f"{sum(one.get('failures', 0) for one in tiers.values())}",
                     f"{sum(one['false_alarms'] for one in tiers.values())}",
@@ -141,22 +195,75 @@ class League:
             )
         return rows
 
+    def _returns(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+        """Return the table of the task return: successes, and the way over the ground."""
+        rows = [["entrant", *(f"success, {tier}" for tier in self.tiers)]]
+        rows[0] += [*(f"units, {tier}" for tier in self.tiers), "CPU s, all"]
+        for entrant, tiers in league.items():
+            found = [tiers[tier] for tier in self.tiers]
+            rates = [one["success_rate"] for one in found]
+            rows.append(
+                [
+                    entrant,
+                    *(f"{share:.0%} [{low:.0%}, {high:.0%}]" for share, low, high in rates),
+                    *(_interval(one["way_after_onset"]) for one in found),
+                    f"{sum(one['cpu'] for one in found) / len(found):.1f}",
+                ]
+            )
+        return rows
+
+    def _over_blind(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+        """Return the entrants' paired gains over blind."""
+        rows = [["entrant", *(f"gain over blind, {tier}" for tier in self.tiers)]]
+        rows[0] += [f"worse, {tier}" for tier in self.tiers]
+        for entrant, tiers in league.items():
+            found = [tiers[tier] for tier in self.tiers]
+            counts = [
+                f"{one['over'][BLIND]['worse']} of {one['episodes']}"
+                if BLIND in one["over"]
+                else "-"
+                for one in found
+            ]
+            rows.append([entrant, *(_gain(one, BLIND) for one in found), *counts])
+        return rows
+
     def _gains(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
         """Return the self-model's paired gains over the entrants, and the entrants' successes."""
         rows = [["entrant", *(f"self-model's gain, {tier}" for tier in self.tiers)]]
         rows[0] += [f"successes, {tier}" for tier in self.tiers]
         for entrant, tiers in league.items():
             found = [tiers[tier] for tier in self.tiers]
-            gains = [
-                _interval(one["hero_gain"], 2) if "hero_gain" in one and entrant != HERO else "-"
-                for one in found
-            ]
             counts = [
                 f"{one['successes']} of {one['compared']}" if "successes" in one else "-"
                 for one in found
             ]
-            rows.append([entrant, *gains, *counts])
+            rows.append([entrant, *(_gain(one, HERO, -1.0) for one in found), *counts])
         return rows
+
+
+def expectation(
+    missing: int, total: int, cpu: float, workers: int | None, scheduler: str | None
+) -> str:
+    """Return a sentence on how many episodes are missing, and how long they will take.
+
+    Examples
+    --------
+    >>> expectation(40, 100, 7200.0, 2, None)
+    '40 of 100 episodes to play: about 120 CPU minutes, 60 minutes on 2 processes'
+    """
+    text = f"{missing} of {total} episodes to play: about {cpu / 60.0:.0f} CPU minutes"
+    if scheduler is not None:
+        return f"{text} of the cluster"
+    count = workers or available_cores()
+    return f"{text}, {cpu / 60.0 / count:.0f} minutes on {count} processes"
+
+
+def _gain(found: Mapping[str, Any], other: str, sign: float = 1.0) -> str:
+    """Return a cell: the paired gain over another entrant, or with sign -1 the other's gain."""
+    if other not in found["over"]:
+        return "-"
+    values = [sign * value for value in found["over"][other]["mean"]]
+    return _interval((values[0], *sorted(values[1:])), 2)
 
 
 def _interval(values: Sequence[float], digits: int = 1) -> str:

@@ -56,7 +56,10 @@ class Blind(SelfModelAgent):
 
 
 class Oracle(SelfModelAgent):
-    """The agent that learns the truth about its body, servos and sensors when they change."""
+    """The agent that learns the truth about its body, servos and sensors when they change.
+
+    Like the agent, it refines its gait when calibrated, and after each change.
+    """
 
     truth: dict[str, Any] | None = None
 
@@ -110,12 +113,14 @@ def _library_and_teachers() -> Offline:
 class Entry:
     """How an entrant is made, and what was spent on it before its first episode.
 
-    ``make`` takes settings of ``AgentConfig``, which tell what an agent may know of its sensors;
-    ``spent`` reads the entrant's file.
+    ``make`` takes settings of ``AgentConfig``, which tell what an agent may know of its sensors,
+    and the episode's number as ``seed``; ``spent`` reads the entrant's file. An episode of 60 s
+    takes about ``cpu`` CPU seconds, by which the league says how long it will take.
     """
 
     make: Callable[..., Entrant]
     spent: Callable[[], Offline] = Offline
+    cpu: float = 1.0
 
     @property
     def offline(self) -> Offline:
@@ -123,16 +128,24 @@ class Entry:
         return self.spent()
 
 
-def _self_model(kind: type[SelfModelAgent] = SelfModelAgent, **more: Any) -> Entry:
-    return Entry(lambda **known: kind(config=AgentConfig(**known, **more)), _library_and_teachers)
+def _self_model(
+    kind: type[SelfModelAgent] = SelfModelAgent, cpu: float = 10.0, **more: Any
+) -> Entry:
+    return Entry(
+        lambda **known: kind(config=AgentConfig(**known, **more)), _library_and_teachers, cpu
+    )
 
 
 def _gait(number: int) -> Entry:
     return Entry(lambda **_: FixedGait(load_library()[number]), lambda: _library(number))
 
 
-def _learned(name: str) -> Entry:
-    return Entry(lambda **_: PolicyAgent(_policy(name)), lambda: _policy(name).offline)
+def _learned(*names: str) -> Entry:
+    """Return a policy of one seed of training or several: episode i has the (i mod N)-th of N."""
+    return Entry(
+        lambda seed, **_: PolicyAgent(_policy(names[seed % len(names)])),
+        lambda: Offline(*map(sum, zip(*(_policy(name).offline for name in names), strict=True))),
+    )
 
 
 def _archive() -> tuple[tuple[Controller, ...], Floats, Floats, Offline]:
@@ -153,9 +166,9 @@ ENTRANTS: dict[str, Entry] = {
     "direct search": Entry(
         lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)
     ),
-    "blind": _self_model(Blind),
+    "blind": _self_model(Blind, cpu=4.0),
     "self-model": _self_model(),
-    "self-model, library only": _self_model(refinements=0),
+    "self-model, library only": _self_model(cpu=2.0, refinements=0),
     "self-model, thinking free": _self_model(**_FREE),
     "oracle": _self_model(Oracle, **_FREE),
 }

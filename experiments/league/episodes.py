@@ -1,4 +1,4 @@
-"""The episodes of the recovery league: what breaks, in which water, and what is sensed."""
+"""The episodes of the recovery league: the task, what breaks, in which water, what is sensed."""
 
 from __future__ import annotations
 
@@ -11,16 +11,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS
+from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
 from experiments.league.policy import DT
+from experiments.league.waters import Water, engine_of
 from gait.scores.episode import transitions
 from gait.scores.evaluation import FIRST_SEED
 
-NAME = "AquaFishRecovery-v0"
-Water = Literal["still", "current", "reactive", "mujoco", "mujoco-lift", "pybullet"]
+Task = Literal["recovery", "return"]
+IDS: dict[Task, str] = {"recovery": "AquaFishRecovery-v0", "return": "AquaFishReturn-v0"}
+SECONDS = 60.0  # of both
+Seeds = Literal["published", "development", "held-out"]
+#: The numbers of the episodes of each set. "published" has those of the reference scores, 0 to 99,
+#: and of the tables that were published first. Agents are made and tuned on "development" alone.
+#: "held-out" is played once, when nothing is changed any more.
+SEEDS: dict[Seeds, range] = {
+    "published": range(1000),
+    "development": range(60_000, 120_000),
+    "held-out": range(120_000, 130_000),
+}
 Sensing = Literal["fins", "imu", "gyroscope"]
 
 #: Frozen before any agent was tried on them: drawn once from the tiers (numpy seed 2411), then some
@@ -77,7 +88,8 @@ class Episode:
     noise: float = 0.01  #: Standard deviation of the gyroscope's noise, rad/s.
     water: Water = "still"
     sensing: Sensing = "fins"
-    seconds: float = 60.0
+    seconds: float = SECONDS
+    task: Task = "recovery"
 
     @property
     def name(self) -> str:
@@ -102,20 +114,39 @@ class Episode:
         return "; ".join(filter(None, [*faults, damages[self.number % len(damages)]]))
 
 
+def episode_numbers(seeds: Seeds, first: int, count: int) -> list[int]:
+    """Return the numbers of some episodes of a set, from its ``first``-th on.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the set has fewer: the next numbers are those of no set, or of another one.
+    """
+    known = SEEDS[seeds]
+    if first + count > len(known):
+        raise InvalidArgumentError(
+            f"episodes must be at most {len(known) - first} from the {first}-th of the seeds "
+            f"{seeds!r} on; got {count}"
+        )
+    return list(known[first : first + count])
+
+
 def play(episode: Episode) -> dict[str, Any]:
     """Play an episode; return the way along +y after each action, and what the agent noticed.
 
-    The way is relative to the water. The CPU time is the agent's.
+    The way is relative to the water's mean velocity; in the return it is over the ground, and
+    ``success`` says whether the line was reached. The CPU time is the agent's.
     """
     rng = np.random.default_rng(episode.number)
     current = 0.2 * rng.random() * _direction(rng) if episode.water == "current" else np.zeros(3)
+    x, y = rng.uniform(-np.pi, np.pi, 2).tolist()  # of vortices
     options: dict[str, Any] = {"current": tuple(current.tolist())}
-    if episode.seconds != 60.0:
+    if episode.seconds != SECONDS:
         options["task"] = SwimForward(seconds=episode.seconds)
     env = gym.make(
-        NAME,
+        IDS[episode.task],
         damage=episode.damage or None,
-        engine=_engine(episode.water),
+        engine=engine_of(episode.water, (x, y)),
         reactive=episode.water == "reactive",
         **options,
     )
@@ -149,9 +180,11 @@ def play(episode: Episode) -> dict[str, Any]:
             if isinstance(agent, Oracle):
                 agent.learn(step.info)
     env.close()
+    success = {"success": step.info["is_success"]} if "is_success" in step.info else {}
     return {
         "onsets": onsets,
-        "terminated": step.terminated,
+        "diverged": step.info["diverged"],
+        **success,
         "way": [round(y, 6) for y in way],
         "events": [list(event[:3]) for event in getattr(agent, "events", [])],
         "seconds": {"cpu": sum(spent), "slowest": max(spent)},
@@ -161,15 +194,6 @@ def play(episode: Episode) -> dict[str, Any]:
 def _truth(info: dict[str, Any]) -> dict[str, Any]:
     """Return what is broken, as ``info`` says."""
     return {name: np.asarray(info[name]).tolist() for name in TRUTH}
-
-
-def _engine(water: Water) -> str | type[World]:
-    """Return the engine that simulates a water."""
-    if not water.startswith("mujoco"):
-        return "pybullet" if water == "pybullet" else "numba"
-    from instruments.verification.mujoco_world import BoxWorld, MujocoWorld
-
-    return BoxWorld if water == "mujoco" else MujocoWorld
 
 
 def _direction(rng: np.random.Generator) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from scipy.stats import trim_mean
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
 from experiments.league.policy import DT
+from gait.scores.evaluation import success_rate
 
 Floats = NDArray[np.float64]
 Result = Mapping[str, Any]
@@ -30,27 +31,42 @@ def after_onset(result: Result) -> float:
     return float(result["way"][-1] - result["way"][(result["onsets"] or [0])[0]])
 
 
-def interval(values: Sequence[float], damages: int) -> tuple[float, float, float]:
-    """Return the interquartile mean of episodes and its 95% interval.
+def interval(
+    values: Sequence[float], damages: int, trimmed: float = 0.25
+) -> tuple[float, float, float]:
+    """Return the mean of episodes without a share ``trimmed`` at each end, and its 95% interval.
 
-    Of D damages, episode i has the (i mod D)-th. The bootstrap is stratified: it resamples the
-    episodes of each damage (Agarwal et al., "Deep reinforcement learning at the edge of the
-    statistical precipice", 2021). Where damage is drawn at random, or a damage has one episode,
-    all are of one stratum.
+    The default is the interquartile mean; 0 is the mean. Of D damages, episode i has the (i mod
+    D)-th. The bootstrap is stratified: it resamples the episodes of each damage (Agarwal et al.,
+    "Deep reinforcement learning at the edge of the statistical precipice", 2021). Where damage is
+    drawn at random, or a damage has one episode, all are of one stratum.
 
     Examples
     --------
-    >>> interval([1.0, 2.0, 3.0, 1000.0], 1)[0]
-    2.5
+    >>> interval([1.0, 2.0, 3.0, 1000.0], 1)[0], interval([1.0, 2.0, 6.0], 1, trimmed=0.0)[0]
+    (2.5, 3.0)
     """
     table = np.asarray(values, float)
     rng = np.random.default_rng(0)
     number = damages if len(table) >= 2 * damages else 1
     strata = [np.arange(d, len(table), number) for d in range(number)]
     drawn = [rng.choice(rows, (RESAMPLES, len(rows))) for rows in strata]
-    means = trim_mean(table[np.concatenate(drawn, axis=1)], 0.25, axis=1)
+    means = trim_mean(table[np.concatenate(drawn, axis=1)], trimmed, axis=1)
     low, high = np.quantile(means, (0.025, 0.975)).tolist()
-    return float(trim_mean(table, 0.25)), low, high
+    return float(trim_mean(table, trimmed)), low, high
+
+
+def paired(results: Sequence[Result], others: Sequence[Result], damages: int) -> dict[str, Any]:
+    """Return an entrant's gain over another one in the same episodes.
+
+    ``mean`` is that of its way after the onset less the other's, in units, with its 95% interval
+    from the bootstrap of the pairs. In ``worse`` of ``episodes`` its way is the shorter one.
+    """
+    gains = [
+        after_onset(mine) - after_onset(other) for mine, other in zip(results, others, strict=True)
+    ]
+    worse = sum(gain < 0.0 for gain in gains)
+    return {"mean": interval(gains, damages, 0.0), "worse": worse, "episodes": len(gains)}
 
 
 def recovered(way: Sequence[float], onset: int, pace: float) -> float:
@@ -76,17 +92,17 @@ def recovered(way: Sequence[float], onset: int, pace: float) -> float:
 def summary(
     results: Sequence[Result],
     damages: int,
+    others: Mapping[str, Sequence[Result]],
     oracle: Sequence[Result] | None,
-    hero: Sequence[Result] | None,
 ) -> dict[str, Any]:
-    """Return what an entrant made in the episodes of a tier, beside the oracle and the self-model.
+    """Return what an entrant made in the episodes of a tier, beside others in the same episodes.
 
     ``way_after_onset`` is the interquartile mean in units with its 95% interval; where nothing
-    breaks, of the whole way. ``lost`` is the oracle's way less its own, and ``hero_gain`` the
-    self-model's less its own, in the same episodes. ``seconds_to`` a share of the oracle's
-    mean pace: the median, and the mean restricted to 30 s. Of ``compared`` episodes, ``successes``
-    are those in which 80% of that pace is back within 30 s, and ``failures`` those in which half of
-    it is not, or the robot diverged.
+    breaks, of the whole way. ``over`` has the gain over each of the ``others``; see :func:`paired`.
+    ``success_rate`` is the share of episodes that ended with success, with Wilson's interval.
+    ``seconds_to`` a share of the oracle's mean pace: the median, and the mean restricted to 30 s.
+    Of ``compared`` episodes, ``successes`` are those in which 80% of that pace is back within 30 s,
+    and ``failures`` those in which half of it is not, or the robot diverged.
     """
     ways = [after_onset(result) for result in results]
     alarms = [[event[0] for event in r["events"] if event[1] == "alarm"] for r in results]
@@ -102,11 +118,10 @@ def summary(
         "false_alarms": sum(false),
         "cpu": float(np.mean([r["seconds"]["cpu"] for r in results])),
         "slowest": max(r["seconds"]["slowest"] for r in results),
+        "over": {name: paired(results, theirs, damages) for name, theirs in others.items()},
     }
-    for name, others in (("lost", oracle), ("hero_gain", hero)):
-        if others is not None:
-            gains = [after_onset(o) - way for o, way in zip(others, ways, strict=True)]
-            found[name] = interval(gains, damages)
+    if "success" in results[0]:
+        found["success_rate"] = success_rate(sum(r["success"] for r in results), len(results))
     if oracle is not None:
         pairs = [
             (result, after_onset(best) / (DT * (len(best["way"]) - 1 - best["onsets"][0])))
@@ -126,7 +141,7 @@ def summary(
             f"{share:.0%}": {"median": float(np.median(some)), "mean": float(np.mean(some))}
             for share, some in times.items()
         }
-        gone = [r["terminated"] for r, _ in pairs]
+        gone = [r["diverged"] for r, _ in pairs]
         failed = {
             share: sum(t == HORIZON or g for t, g in zip(some, gone, strict=True))
             for share, some in times.items()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,33 @@ import numpy as np
 import pytest
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.compiled.single import CompiledWorld
+from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.command import SCHEMA, League
-from experiments.league.entrants import ENTRANTS
-from experiments.league.episodes import HELD_OUT, TIERS, UNKNOWN, Episode, play
-from experiments.league.statistics import HORIZON, after_onset, interval, recovered, summary
+from experiments.league.entrants import ENTRANTS, _learned
+from experiments.league.episodes import (
+    HELD_OUT,
+    SEEDS,
+    TIERS,
+    UNKNOWN,
+    Episode,
+    episode_numbers,
+    play,
+)
+from experiments.league.statistics import (
+    HORIZON,
+    after_onset,
+    interval,
+    paired,
+    recovered,
+    summary,
+)
+from experiments.league.waters import VORTEX_SPEED, VORTEX_WIDTH, WATERS, DenseWorld, vortices_at
+from experiments.league.whole import WholeLeague
+from gait.scores.evaluation import success_rate
 from tests.in_process import jobs_in_process
 
 
@@ -27,7 +50,7 @@ def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
     way = np.concatenate([np.zeros(onset + 1), 0.2 * np.cumsum(steps)])
     seconds = {"cpu": 1.0, "slowest": 0.1}
     return {
-        "onsets": [onset], "way": way.tolist(), "events": [], "terminated": False,
+        "onsets": [onset], "way": way.tolist(), "events": [], "diverged": False,
         "seconds": seconds, **more,
     }  # fmt: skip
 
@@ -68,8 +91,16 @@ def test_an_episode_breaks_at_the_same_time_for_all() -> None:
 def test_the_league_tells_the_gain_of_the_self_model_over_each_entrant() -> None:
     ways = {"self-model": [result([1.0]), result([0.9])], "blind": [result([0.5]), result([0.8])]}
     hero = ways["self-model"]
-    league = {name: {"mild": summary(ways[name], 1, hero, hero)} for name in ways}
-    rows = League(entrants=tuple(ways), tiers=("mild",))._gains(league)
+    league = {
+        name: {
+            "mild": summary(
+                ways[name], 1, {other: ways[other] for other in ways if other != name}, hero
+            )
+        }
+        for name in ways
+    }
+    command = League(entrants=tuple(ways), tiers=("mild",))
+    rows = command._gains(league)
     gain = np.mean(
         [after_onset(h) - after_onset(b) for h, b in zip(hero, ways["blind"], strict=True)]
     )
@@ -77,6 +108,22 @@ def test_the_league_tells_the_gain_of_the_self_model_over_each_entrant() -> None
     assert rows[1] == ["self-model", "-", "2 of 2"]
     assert rows[2][1].startswith(f"{gain:.2f} [")
     assert rows[2][2] == "1 of 2"
+    rows = command._over_blind(league)
+    assert rows[0] == ["entrant", "gain over blind, mild", "worse, mild"]
+    assert rows[1][1].startswith(f"{gain:.2f} [")
+    assert rows[1][2] == "0 of 2"
+    assert rows[2] == ["blind", "-", "-"]
+
+
+def test_a_paired_gain_is_the_mean_of_differences_with_its_interval() -> None:
+    mine = [result([pace]) for pace in (1.0, 0.5, 0.8, 0.3)]
+    other = [result([pace]) for pace in (0.5, 0.6, 0.8, 0.2)]
+    found = paired(mine, other, 1)
+    mean, low, high = found["mean"]
+    gains = [after_onset(a) - after_onset(b) for a, b in zip(mine, other, strict=True)]
+    assert mean == pytest.approx(np.mean(gains))
+    assert (found["mean"], found["worse"], found["episodes"]) == (interval(gains, 1, 0.0), 1, 4)
+    assert low < mean < high
 
 
 def test_blind_refines_the_whole_robots_gait_and_never_looks_for_damage() -> None:
@@ -122,15 +169,170 @@ def test_recovery_is_when_the_pace_stays_above() -> None:
 def test_the_summary_compares_with_the_oracle_episode_by_episode() -> None:
     oracle = [result([1.0]), result([0.8])]
     mine = [result([0.5]), result([0.1], events=[(3.0, "alarm", "")])]
-    found = summary(mine, 1, oracle, None)
-    lost = [after_onset(o) - after_onset(m) for o, m in zip(oracle, mine, strict=True)]
-    assert found["lost"][0] == pytest.approx(np.mean(lost))
+    found = summary(mine, 1, {"oracle": oracle}, oracle)
+    lost = [after_onset(m) - after_onset(o) for o, m in zip(oracle, mine, strict=True)]
+    assert found["over"]["oracle"]["mean"][0] == pytest.approx(np.mean(lost))
     assert found["failures"] == 1
     assert (found["successes"], found["compared"]) == (0, 2)
-    assert summary(oracle, 1, oracle, None)["successes"] == 2
+    assert summary(oracle, 1, {}, oracle)["successes"] == 2
     assert found["false_alarms"] == 1
     assert found["seconds_to"]["50%"]["mean"] == HORIZON / 2
-    assert "hero_gain" not in found
+    assert "success_rate" not in found
+
+
+def test_a_success_has_a_share_and_its_interval() -> None:
+    results = [result([1.0], success=success) for success in (True, True, False, True)]
+    assert summary(results, 1, {}, None)["success_rate"] == success_rate(3, 4)
+
+
+def test_sets_of_seeds_do_not_meet() -> None:
+    numbers = [number for seeds in SEEDS.values() for number in seeds]
+    assert len(set(numbers)) == len(numbers)
+    assert episode_numbers("development", 2, 3) == [60_002, 60_003, 60_004]
+    with pytest.raises(InvalidArgumentError, match="episodes must be at most 1 from the 999-th"):
+        League(first=999, episodes=2).jobs()
+
+
+@jobs_in_process()
+def test_a_folder_holds_one_set_of_seeds(tmp_path: Path) -> None:
+    league = League(
+        out=tmp_path, entrants=("still",), tiers=("mild",), episodes=1, seeds="development"
+    )
+    league.execute()
+    assert (tmp_path / "runs" / "still" / "mild" / "60000.json").exists()
+    assert league.cpu_left() == (0, 0.0)
+    with pytest.raises(InvalidArgumentError, match="seeds"):
+        replace(league, seeds="published").execute()
+
+
+@jobs_in_process()
+def test_entrants_return_in_time_or_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    League(
+        out=tmp_path, entrants=("still", "PPO, fins"), tiers=("none",), episodes=2,
+        seeds="development", task="return", workers=1,
+    ).execute()  # fmt: skip
+    assert "4 of 4 episodes to play: about 0 CPU minutes" in capsys.readouterr().err
+    head, _, still, ppo = (tmp_path / "table.md").read_text().splitlines()
+    assert head == "| entrant | success, none | units, none | CPU s, all |"
+    assert still.startswith("| still | 0% [0%, 66%] | -")
+    assert ppo.startswith("| PPO, fins | 100% [34%, 100%] | 2")
+
+
+def test_the_return_has_a_current_and_a_time_of_its_own() -> None:
+    with pytest.raises(InvalidArgumentError, match="water must not be current"):
+        League(task="return", water="current").jobs()
+    with pytest.raises(InvalidArgumentError, match="seconds must"):
+        League(task="return", seconds=600.0).jobs()
+
+
+def test_every_entrant_plays_every_water_in_the_same_episodes() -> None:
+    leagues = WholeLeague(out=Path("out")).leagues()
+    played: dict[str, set[Any]] = {}
+    for league in leagues:
+        if league.tiers[0] == "severe" and league.sensing == "fins" and league.task == "recovery":
+            for job in league.jobs():
+                if job.tier == "severe" and job.number < 20:
+                    played.setdefault(league.water, set()).add((job.entrant, job.number))
+    assert set(played) == set(WATERS)
+    assert {frozenset(one) for one in played.values()} == {
+        frozenset((entrant, number) for entrant in ENTRANTS for number in range(20))
+    }
+
+
+@pytest.mark.parametrize("water", ["vortices", "dense"])
+def test_a_water_of_the_leagues_own_is_another_one_and_repeats(water: Any) -> None:
+    home, one, again = (
+        play(Episode("PPO, fins", "mild", 60_000, water=name))["way"]
+        for name in ("still", water, water)
+    )
+    assert one == again
+    assert np.abs(np.subtract(one, home)).max() > 0.5
+    assert one[-1] > 10.0  # it swims
+
+
+def test_vortices_neither_diverge_nor_drift() -> None:
+    world = vortices_at((0.3, -1.0))()
+    at = np.linspace(0.0, 2.0 * VORTEX_WIDTH, 41)[:-1]
+    field = np.array([[world.water((x, y, 0.0)) for y in at] for x in at])
+    np.testing.assert_allclose(field.mean(axis=(0, 1)), 0.0, atol=1e-12)
+    assert np.hypot(*field.T).max() == pytest.approx(VORTEX_SPEED, rel=0.01)
+    h = 1e-5
+    x, y = 1.7, -4.2
+    along = world.water((x + h, y, 0.0))[0] - world.water((x - h, y, 0.0))[0]
+    across = world.water((x, y + h, 0.0))[1] - world.water((x, y - h, 0.0))[1]
+    assert along + across == pytest.approx(0.0, abs=1e-12)
+
+
+def swim_of(world: type[World]) -> Any:
+    """Return where a robot gets with some commands, and how it turns then."""
+    made = make_world(world, Scenario.create(fin_angles=(0.3, -1.0, 2.0), current=(0.1, 0.0, 0.0)))
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        left, right, caudal = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]).tolist()
+        made.advance((left, right, caudal), 20)
+    return [*made.state().position, *made.state().spin]
+
+
+def test_skin_friction_and_density_are_all_that_dense_water_differs_in() -> None:
+    """With factors of 1 it is the engine's water, to the last bit."""
+    plain = type("Plain", (DenseWorld,), {"fin_density": 1.0, "friction": 1.0})
+    assert swim_of(plain) == swim_of(CompiledWorld)
+    for factor in ("fin_density", "friction"):
+        factors = {"fin_density": 1.0, "friction": 1.0, factor: 2.0}
+        other = np.subtract(swim_of(type("Other", (DenseWorld,), factors)), swim_of(plain))
+        assert np.abs(other).max() > 1e-3
+    glide = [
+        make_world(type("Glide", (DenseWorld,), {"friction": friction}),
+                   Scenario.create(velocity=(0.0, 1.0, 0.0)))
+        for friction in (1.0, 5.0)
+    ]  # fmt: skip
+    for world in glide:
+        world.advance((0.0, 0.0, 0.0), 300)
+    slow, fast = sorted(world.state().position[1] for world in glide)
+    assert glide[1].state().position[1] == slow < fast
+
+
+def test_an_entrant_may_have_several_seeds_of_training() -> None:
+    """Episode i is played by the (i mod N)-th."""
+    names = ("plain", "frames")
+    entry = _learned(*names)
+    frames = [entry.make(seed=number)._policy.frames for number in range(4)]  # type: ignore[attr-defined]
+    assert frames == [1, 8, 1, 8]
+    assert entry.offline.seconds == sum(_learned(name).offline.seconds for name in names)
+
+
+def test_the_oracle_refines_when_calibrated_and_after_the_damage() -> None:
+    env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@15", engine="numba")
+    observation, info = env.reset(seed=1)
+    agent: Any = ENTRANTS["oracle"].make(generations=10, refinements=1)
+    agent.begin(info["fin_angles"])
+    for step in range(80):
+        if step == 75:
+            agent.learn(info)
+        observation, *_, info = env.step(agent.act(observation))
+    refined = [event.seconds for event in agent.events if event.what == "refined"]
+    assert len(refined) == 2
+    assert refined[0] < 15.0 <= refined[1]
+
+
+def test_a_dask_cluster_plays_the_same_episodes(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    league = League(
+        out=tmp_path / "here", entrants=("still", "PPO, fins"), tiers=("mild",), episodes=1,
+        seeds="development",
+    )  # fmt: skip
+    with jobs_in_process():
+        league.execute()
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+    ) as cluster:
+        address = cluster.scheduler_address
+        replace(league, out=tmp_path / "there", scheduler=address).execute()
+    for job in league.jobs():
+        one, other = ((tmp_path / place / job.file).read_bytes() for place in ("here", "there"))
+        assert one == other
+    with pytest.raises(InvalidArgumentError, match="workers has no effect with a scheduler"):
+        replace(league, scheduler=address, workers=2).jobs()
 
 
 def test_the_bootstrap_draws_within_each_damage() -> None:

@@ -1,0 +1,103 @@
+"""All tables of the league, one after another, each in a folder of its own.
+
+    python -m experiments.league.whole --seeds held-out --out out/whole
+
+Every entrant plays every table, in the same episodes. The command says how many episodes are
+missing, and about how long they take, before it begins; started again, it plays those that are
+still missing. ``--scheduler`` lets a dask cluster play, as in ``docs/howto/cluster.md``.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from aquafish_gym.runs.command_line import Out, run_command_line
+from aquafish_gym.utils.validation import one_of
+from experiments.league.command import HERO, League, expectation
+from experiments.league.entrants import ENTRANTS
+from experiments.league.episodes import HELD_OUT, Seeds
+from experiments.league.waters import WATERS
+
+EPISODES = 40  # of a tier at home and in the return
+ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
+_ALL: Any = ("severe", "moderate", "mild", "none")
+#: What each table differs in from the default league.
+TABLES: dict[str, dict[str, Any]] = {
+    "home": {"episodes": EPISODES},
+    "none": {"episodes": ELSEWHERE, "tiers": ("none",)},
+    "held-out": {"episodes": 2 * len(HELD_OUT), "tiers": ("held-out",)},
+    "return": {"episodes": EPISODES, "task": "return", "tiers": _ALL},
+    **{
+        water: {"episodes": ELSEWHERE, "water": water, "tiers": _ALL}
+        for water in WATERS
+        if water != "still"
+    },
+    "imu": {"episodes": ELSEWHERE, "sensing": "imu"},
+    "gyroscope": {"episodes": ELSEWHERE, "sensing": "gyroscope"},
+    # Long swims in which nothing breaks: how often the agent is alarmed for nothing.
+    "calm": {
+        "episodes": 100, "seconds": 600.0, "water": "current", "tiers": ("none",),
+        "entrants": (HERO,),
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WholeLeague:
+    """Play all tables of the league: every entrant, task, water and set of sensors."""
+
+    example: ClassVar[str] = "--tables home return --episodes 2 --seeds development --out out/whole"
+
+    out: Out = Path("out/whole")
+    tables: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(TABLES)}.")
+    ] = tuple(TABLES)
+    entrants: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(ENTRANTS)}.")
+    ] = tuple(ENTRANTS)
+    seeds: Seeds = "published"
+    """Set of the episodes. Make and tune agents on development alone, play held-out once."""
+    episodes: int | None = None
+    """Episodes of each tier, for a quick look; by default each table's own."""
+    workers: int | None = None
+    """Processes; every core if not given. No result but the CPU times depends on it."""
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Address of a dask scheduler whose workers play, such as tcp://host:8786. They must be able to
+    import this clone: start them with its folder in PYTHONPATH."""
+
+    def leagues(self) -> list[League]:
+        """Return the tables' leagues."""
+        found = []
+        for name in self.tables:
+            settings = TABLES[one_of("tables", name, TABLES)]
+            league = League(
+                out=self.out / name, seeds=self.seeds, workers=self.workers,
+                scheduler=self.scheduler, **{"entrants": self.entrants} | settings,
+            )  # fmt: skip
+            if self.episodes is not None:
+                league = replace(league, episodes=self.episodes)
+            found.append(league)
+        return found
+
+    def execute(self) -> None:
+        """Play the missing episodes of all tables."""
+        leagues = self.leagues()
+        total = sum(len(league.jobs()) for league in leagues)
+        missing, cpu = (sum(each) for each in zip(*(x.cpu_left() for x in leagues), strict=True))
+        print(
+            f"{len(leagues)} tables: "
+            + expectation(int(missing), total, cpu, self.workers, self.scheduler),
+            file=sys.stderr,
+        )
+        for league in leagues:
+            print(f"\n{league.out}", file=sys.stderr)
+            league.execute()
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("experiments.league.whole", WholeLeague))
