@@ -50,8 +50,10 @@ class RecordedSwim:
 
     def execute(self) -> None:
         """Swim, and write."""
-        folder = ensure_writable_directory(self.out)
+        later = Damage.parse(self.later)
         body = Damage.parse(self.damage).apply(Morphology.nominal())
+        broken = later.edit(Scenario.create(body), HELD)
+        folder = ensure_writable_directory(self.out)
         rng = np.random.default_rng(self.seed)
         angles = rng.uniform(-np.pi, np.pi, (len(COMMANDS), 3))
         swum = simulate(body, COMMANDS, angles, STEPS, dtype="float64", record="gyro")
@@ -60,12 +62,11 @@ class RecordedSwim:
         log = SwimLog.of_trials(COMMANDS, [RecordedLog(gyro) for gyro in felt])
         write_log(folder / "swim.csv", log)
         write_document(folder / "body.json", body.to_dict())
-        write_log(folder / "later.csv", self._swim_later(body, rng))
+        write_log(folder / "later.csv", self._swim_later(broken, rng))
         print(f"written to {folder}: {len(log)} trials, {sum(log.seconds):g} s of swimming")
 
-    def _swim_later(self, body: Morphology, rng: np.random.Generator) -> SwimLog:
+    def _swim_later(self, broken: Scenario, rng: np.random.Generator) -> SwimLog:
         """Return the log of a swim of random commands in which something breaks."""
-        broken = Damage.parse(self.later).edit(Scenario.create(body), HELD)
         (path,) = rollout(
             [lambda *_: np.round(rng.uniform(-1.0, 1.0, 3), 2)],
             broken,

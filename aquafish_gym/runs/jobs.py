@@ -110,7 +110,6 @@ def run_jobs(
                     report(f"failed: {failures[-1]}", 1)
                 else:
                     path = folder / job.file
-                    path.parent.mkdir(parents=True, exist_ok=True)
                     result = decode_document(content, job.name, RESULT_SCHEMA)
                     if "seconds" in result:
                         times = {"seconds": result.pop("seconds")}

@@ -53,9 +53,10 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path`` for a file to write; its folder is created.
+    """Return ``path`` for a file to write; nothing is created.
 
-    A device, a pipe, a socket or a directory of that name is refused.
+    A device, a pipe, a socket or a directory of that name is refused, and so is a folder that
+    :func:`write_bytes` could not create.
     """
     target = file_path(argument, path)
     try:
@@ -64,7 +65,8 @@ def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
         raise InvalidArgumentError(
             f"{argument} must be a file that can be written; {brief(str(path))}: {_reason(error)}"
         ) from None
-    ensure_writable_directory(target.parent, f"the folder of {argument}")
+    folder = next(place for place in target.parents if place.exists())
+    ensure_writable_directory(folder, f"the folder of {argument}")
     return target
 
 
@@ -81,13 +83,14 @@ def _check_replaceable(target: Path) -> None:
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     """Write a file whole or not at all, also if the power fails, or raise CannotWriteError.
 
-    A symbolic link stays, and its target is written. Devices, pipes and directories are never
-    replaced.
+    Its folder is created if missing. A symbolic link stays, and its target is written. Devices,
+    pipes and directories are never replaced.
     """
     target = file_path("path", path)
     try:
         _check_replaceable(target)
         real = Path(os.path.realpath(target))
+        real.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
     part = real.parent / f".{secrets.token_hex(4)}.part"

@@ -69,7 +69,6 @@ class Library:
             "offline": {"steps": steps, "seconds": [round(one, 2) for one in seconds]},
             "gaits": [_short(one.to_dict()) for one in found],
         }
-        self.out.parent.mkdir(parents=True, exist_ok=True)
         write_document(self.out, document, LIBRARY_SCHEMA, indent=None)
         print(f"{len(found)} gaits: {self.out}")
 

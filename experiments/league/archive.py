@@ -182,7 +182,6 @@ class MakeArchive:
             "descriptors": np.round(descriptors[keep], 3).tolist(),
             "vectors": np.round(archive.vectors[keep], 4).tolist(),
         }
-        self.out.parent.mkdir(parents=True, exist_ok=True)
         write_document(self.out, document, SCHEMA, indent=None)
         print(f"{len(keep)} gaits, the best {paces[keep].max():.3f} units/s; {offline}: {self.out}")
 

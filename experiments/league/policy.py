@@ -107,7 +107,6 @@ class Policy:
             "curve": self.curve,
             "weights": numbers,
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_document(path, document, SCHEMA, indent=None)
 
     @classmethod

@@ -24,9 +24,9 @@ from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
 from aquafish_gym.utils.validation import InvalidArgumentError, instance
-from gait.controllers.c_files import c_files, filled, wrapped, write_c_files
+from gait.controllers.c_files import CFile, c_files, filled, wrapped
 from gait.controllers.controller import Controller, program_of
-from gait.controllers.export_model import export_model
+from gait.controllers.export_model import model_file
 from gait.controllers.network import OUTPUTS, Senses
 
 VECTOR_COUNT = 1000
@@ -67,20 +67,29 @@ class Export(Given):
         elif self.c is not None and self.model.resolve() == self.c.resolve():
             raise InvalidArgumentError(f"--c and --model must be two files; got {self.c} twice")
         found = None if self.controller is None else Controller.load(self.controller)
-        written: list[Path] = []
+        made: list[CFile] = []
         if found is not None and self.c is not None:
-            written += export_c(found, self.c)
+            made.append(controller_file(found, self.c))
         if self.model is not None:
             bodies: MorphologiesLike = Morphology.nominal() if found is None else found.morphology
             if self.morphology is not None:
                 bodies = read_bodies(self.morphology, "morphology")
-            written += export_model(bodies, self.model, self.reactive)
+            made.append(model_file(bodies, self.model, self.reactive))
+        written = [path for file in made for path in file.write()]  # now that none is refused
         for path in written:
             print(f"wrote {path} ({path.stat().st_size} bytes)")
 
 
 def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
     """Write a controller as a C file, and test vectors beside it; return both paths.
+
+    It raises what :func:`controller_file` does.
+    """
+    return controller_file(controller, path).write()
+
+
+def controller_file(controller: Controller, path: Path | str) -> CFile:
+    """Return a controller as a C file to write.
 
     Raises
     ------
@@ -92,8 +101,7 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
     source, table = c_files("c", path)
     text = c_source(controller, source.stem)
     rows = np.concatenate(make_vectors(controller, VECTOR_COUNT), axis=1)
-    write_c_files(source, table, text, (*_columns(controller.senses), *OUTPUTS), rows)
-    return source, table
+    return CFile(source, table, text, (*_columns(controller.senses), *OUTPUTS), rows)
 
 
 def c_source(controller: Controller, name: str) -> str:

@@ -30,7 +30,7 @@ from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
 from aquafish_gym.physics.printing import C99
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
-from gait.controllers.c_files import c_files, filled, wrapped, write_c_files
+from gait.controllers.c_files import CFile, c_files, filled, wrapped
 from gait.controllers.network import OUTPUTS, Senses
 
 # Of the test vectors: a swim in which every number counts.
@@ -62,6 +62,14 @@ def export_model(
 ) -> tuple[Path, Path]:
     """Write a model as a C file, and test vectors beside it; return both paths.
 
+    It takes and raises what :func:`model_file` does.
+    """
+    return model_file(bodies, path, reactive).write()
+
+
+def model_file(bodies: MorphologiesLike, path: Path | str, reactive: bool = False) -> CFile:
+    """Return a model as a C file to write.
+
     Parameters
     ----------
     bodies
@@ -87,8 +95,7 @@ def export_model(
     commands, seen = model_vectors(rows[0], VECTOR_COUNT, reactive)
     vectors = np.concatenate([commands, seen], axis=1).tolist()
     columns = (*OUTPUTS, *Senses(clock=0, goal=True).names)
-    write_c_files(file, table, text, columns, vectors)
-    return file, table
+    return CFile(file, table, text, columns, vectors)
 
 
 def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> str:

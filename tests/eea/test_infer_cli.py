@@ -14,6 +14,7 @@ from aquafish_gym.bodies import read_bodies
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import (
     ConfigurationError,
     FitConfig,
@@ -68,6 +69,14 @@ def test_the_example_is_written_again_to_the_same_bytes(tmp_path):
     write(out=tmp_path).execute()
     for path in (SWIM, BODY):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_refused_example_writes_nothing(tmp_path):
+    write = runpy.run_path(str(EXAMPLES / "recorded_swim.py"))["RecordedSwim"]
+    for name in ("damage", "later"):
+        with pytest.raises(InvalidArgumentError, match="damage part"):
+            write(out=tmp_path / "new", **{name: "tail:missing"}).execute()
+    assert not (tmp_path / "new").exists()
 
 
 def test_the_example_becomes_a_body_with_intervals_and_a_folder(tmp_path, capsys):

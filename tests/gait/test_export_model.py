@@ -120,6 +120,13 @@ def test_the_command_takes_the_controllers_body(
         (["--model", "my-fish.c"], "model must be a file name FILE.c"),
         (["--model", "mine.c"], "model must not overwrite a file that no export wrote"),
         (["--model", "fish.c", "--morphology", "none.json"], "morphology must be a file that can"),
+        # Nothing is written where one of two files is refused.
+        (["controller.json", "--c", "fish.c", "--model", "mine.c"], "model must not overwrite"),
+        (
+            ["controller.json", "--c", "new/a.c", "--model", "mine.c/a.c"],
+            "the folder of model must",
+        ),
+        (["controller.json", "--c", "a.c", "--model", "b.c", "--morphology", "no"], "morphology"),
     ],
 )
 def test_a_wrong_export_is_refused(

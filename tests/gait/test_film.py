@@ -76,3 +76,9 @@ def test_mistakes_are_one_line(
     error = capsys.readouterr().err
     assert sentence in error
     assert error.count("\n") == 1
+
+
+def test_a_refused_film_leaves_no_folder(controller_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "film.webp"
+    assert main(["film", str(controller_file), "--out", str(out), "--damage", "tail:missing"]) == 2
+    assert not out.parent.exists()

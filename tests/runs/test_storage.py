@@ -291,6 +291,18 @@ def test_an_archive_is_refused_by_its_headers_before_it_takes_memory(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000  # KiB
 
 
+def test_a_folder_is_created_when_a_file_is_written_and_not_before(tmp_path):
+    path = tmp_path / "new" / "newer" / "a.json"
+    assert output_file(path) == path
+    assert list(tmp_path.iterdir()) == []
+    write_document(path, {"x": 1})
+    assert read_document(path) == {"x": 1}
+    with pytest.raises(InvalidArgumentError, match="the folder of out must be a directory that"):
+        output_file(path / "under" / "b.json")
+    with pytest.raises(CannotWriteError, match=r"cannot write .*b\.json: "):
+        write_document(path / "under" / "b.json", {"x": 1})
+
+
 @pytest.mark.parametrize("kind", ["fifo", "socket", "directory", "device"])
 def test_what_is_no_regular_file_is_never_replaced(tmp_path, kind):
     path = tmp_path / "a.json"
