@@ -104,6 +104,10 @@ class GaitChooser:
         """Begin the library's first gait."""
         self._swimming: Swimmer = begin_gait(self.library[0], model.robot, self._action)
 
+    def swim(self, gait: Gait, model: SelfModel) -> None:
+        """Swim a gait from now on."""
+        self._swimming = begin_gait(gait, model.robot, self._action)
+
     def act(self, model: SelfModel) -> NDArray[np.float32]:
         """Return the next action (3,), in [-1, 1], of a robot in its present state."""
         self._action = act_in(self._swimming, model.robot, model.state)
@@ -171,7 +175,7 @@ class GaitChooser:
         best = int(far.argmax())
         if far[best] > going_on + needed:
             about = f"{self._name(best)}, which should make {far[best]:.1f} units"
-            self._swimming = begin_gait(gaits[best], model.robot, self._action)
+            self.swim(gaits[best], model)
         self.events.append(Event(step * self.dt, "chose", about, time.process_time() - began))
 
     def _controllers(self) -> list[Controller]:

@@ -134,21 +134,40 @@ class Teacher:
     def _from_document(cls, name: str, document: dict[str, Any]) -> Self:
         try:
             _check_names("fields", document, ("offline", "curve", "weights"))
-            texts = instance("weights", document["weights"], dict)
-            _check_names("weights", texts, SHAPES)
-            weights = {key: _decoded(key, texts[key], shape) for key, shape in SHAPES.items()}
+            weights = decode_weights(document["weights"], SHAPES)
             return cls(weights, document["offline"], document["curve"])
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"teacher: {name}: {error}") from None
 
     def save(self, path: Path | str) -> None:
         """Write a file of some 35 KB: the weights in half precision, as base64."""
-        weights = {
-            name: base64.b64encode(value.astype("<f2").tobytes()).decode()
-            for name, value in self.weights.items()
+        document = {
+            "offline": self.offline,
+            "curve": self.curve,
+            "weights": encode_weights(self.weights),
         }
-        document = {"offline": self.offline, "curve": self.curve, "weights": weights}
         write_document(file_path("path", path), document, TEACHER_SCHEMA)
+
+
+def encode_weights(weights: Mapping[str, Singles]) -> dict[str, str]:
+    """Return arrays in half precision, as base64."""
+    return {
+        name: base64.b64encode(value.astype("<f2").tobytes()).decode()
+        for name, value in weights.items()
+    }
+
+
+def decode_weights(given: object, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Singles]:
+    """Return arrays of some shapes, as :func:`encode_weights` gives them.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If an array is missing, unknown, or no base64 of its shape.
+    """
+    texts = instance("weights", given, dict)
+    _check_names("weights", texts, shapes)
+    return {name: _decoded(name, texts[name], shape) for name, shape in shapes.items()}
 
 
 def _check_names(argument: str, given: Mapping[str, Any], wanted: Sequence[str] | Any) -> None:

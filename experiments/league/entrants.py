@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library, read_library
 from aquafish.online.teacher import Teacher
+from aquafish.online.told import ToldGait
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
-from experiments.league.policy import FixedGait, Offline, Policy, PolicyAgent
+from experiments.league.policy import ANY_WATER, SEEDS, FixedGait, Offline, Student, StudentAgent
 from experiments.league.trials import DirectSearch, TrialAndError, load_archive
 from gait.controllers.controller import Controller
 
@@ -88,8 +89,15 @@ class Oracle(SelfModelAgent):
         """Infer nothing."""
 
 
-def _policy(name: str) -> Policy:
-    return Policy.load(MADE / f"policies/{name}.json")
+class ToldTeacher(Oracle):
+    """The oracle that swims nothing but its told teacher: in foreign water that of any water."""
+
+    def _change_gait(self, soon: bool = False) -> None:  # noqa: ARG002
+        self._chooser.swim(ToldGait.of(self.teachers[-1 if self._foreign else 0]), self.model)
+
+
+def _student(twin: int | str) -> Student:
+    return Student.load(MADE / f"policies/student-{twin}.json")
 
 
 def _library(*gaits: int) -> Offline:
@@ -99,14 +107,23 @@ def _library(*gaits: int) -> Offline:
     return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
 
 
+def _teachers() -> Offline:
+    """Return what the told teachers of the agent took."""
+    return _sum(*(_of(one) for one in (Teacher.load(), Teacher.load_any_water())))
+
+
 def _library_and_teachers() -> Offline:
     """Return what the gaits and the told teachers of the agent took."""
-    told = [Teacher.load().offline, Teacher.load_any_water().offline]
-    gaits = _library()
-    return Offline(
-        gaits.steps + sum(int(one["steps"]) for one in told),
-        gaits.seconds + sum(one["seconds"] for one in told),
-    )
+    return _sum(_library(), _teachers())
+
+
+def _of(teacher: Teacher) -> Offline:
+    return Offline(int(teacher.offline["steps"]), teacher.offline["seconds"])
+
+
+def _sum(*spent: Offline) -> Offline:
+    steps, seconds = map(sum, zip(*spent, strict=True))
+    return Offline(int(steps), round(seconds, 1))
 
 
 @dataclass(frozen=True)
@@ -140,12 +157,15 @@ def _gait(number: int) -> Entry:
     return Entry(lambda **_: FixedGait(load_library()[number]), lambda: _library(number))
 
 
-def _learned(*names: str) -> Entry:
-    """Return a policy of one seed of training or several: episode i has the (i mod N)-th of N."""
-    return Entry(
-        lambda seed, **_: PolicyAgent(_policy(names[seed % len(names)])),
-        lambda: Offline(*map(sum, zip(*(_policy(name).offline for name in names), strict=True))),
-    )
+def _rma(*twins: int | str) -> Entry:
+    """Return the entry of students, of which episode number i has the (i mod N)-th of N."""
+
+    def spent() -> Offline:
+        students = [_student(twin) for twin in twins]
+        trained = [_of(one.teacher) for one in students]
+        return _sum(_library(0), *trained, *(one.offline for one in students))
+
+    return Entry(lambda seed, **_: StudentAgent(_student(twins[seed % len(twins)])), spent)
 
 
 def _archive() -> tuple[tuple[Controller, ...], Floats, Floats, Offline]:
@@ -159,9 +179,13 @@ ENTRANTS: dict[str, Entry] = {
     "still": Entry(lambda **_: Still()),
     "CMA-ES, fins": _gait(1),
     "PPO, fins": _gait(0),
-    "PPO, damaged": _learned("plain"),
-    "PPO, damaged, 8 frames": _learned("frames"),
-    "PPO, damaged, LSTM": _learned("lstm"),
+    "RMA": _rma(*range(SEEDS)),
+    "RMA, any water": _rma(ANY_WATER),
+    "told teacher": Entry(
+        lambda **known: ToldTeacher(config=AgentConfig(**known)),
+        lambda: _sum(_library(0), _teachers()),
+        4.0,
+    ),
     "trial and error": Entry(lambda **_: TrialAndError(*_archive()[:3]), lambda: _archive()[3]),
     "direct search": Entry(
         lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)

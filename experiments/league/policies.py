@@ -1,158 +1,167 @@
-"""Train the learned rivals of the recovery league: PPO on damage, without and with memory.
+"""Train the league's learned rivals, RMA, and the agent's told teachers (extra ``rl``).
 
-    pip install ".[rl]" sb3-contrib
-    python -m experiments.league.policies --out experiments/league/data/policies
+    python -m experiments.league.policies --out out/policies
 
-Damage strikes at 15-30 s of a 60 s episode, as in the league, a third of the robots by each tier.
-All begin as ``PPO, fins``, the gait of the whole robot, and learn what to add to its action: from
-random weights PPO did not reach that gait's return in this time. They observe what it does, and
-their previous action. ``plain`` has no memory, ``frames`` the last 8 observations and actions,
-``lstm`` an LSTM (RecurrentPPO). Ten minutes on one core.
+A teacher learns by PPO and is told what broke (``teachers``); a student then estimates what its
+teacher is told (``students``). Three pairs, with other seeds, learn in the league's own water with
+the league's own damage; ``any-water`` in random water, half of the time without knowing the initial
+fin angles. A teacher takes 14 minutes on one core, and a student 8. Several commands may train
+different ones in one folder at the same time.
+
+The same command resumes at the last round. ``teacher-0.json`` and ``teacher-any-water.json`` are
+packaged as ``aquafish/online/teacher.json`` and ``teacher_any_water.json``, the students as
+``experiments/league/data/policies``.
 """
 
 from __future__ import annotations
 
-import math
+import io
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
 from tyro.conf import arg
 
-from aquafish.online.gaits import read_library
+from aquafish.online.teacher import Teacher
 from aquafish_gym.runs.command_line import Out, run_command_line
-from aquafish_gym.utils.validation import one_of
-from experiments.league.policy import INTERVAL, Offline, Policy
-from gait.learning.train import GAMMA, isolated_rng, load_extra
+from aquafish_gym.runs.manifest import lock, write_manifest
+from aquafish_gym.runs.progress import show_progress
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError, one_of
+from experiments.league.policy import ANY_WATER, INTERVAL, TWINS, Offline, Student
+from gait.learning.train import load_extra
 
-ROBOTS = 256
-HORIZON = 50  # actions of a robot between two updates
-EPISODE = 300  # actions
+NAMES = tuple(f"{kind}-{twin}" for twin in TWINS for kind in ("teacher", "student"))
+
+CHECKPOINT = "state.pt"
+
+State = dict[str, Any]
+Tell = Callable[[int, str], None]
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A policy's kind, and how PPO learns it."""
+class Training:
+    """The training of one policy, in rounds, each from the state that the last one left.
 
-    actions: int  #: Of all robots together, rounded up to whole horizons.
-    frames: int = 1
-    cells: int = 0  #: Of an LSTM.
-    hidden: tuple[int, ...] = (64, 64)
-    batch: int = 1600
-    epochs: int = 6
-    rate: float = 5e-4  #: Learning rate; it falls linearly to a tenth.
-    deviation: float = 0.1  #: Of the action at first.
+    Parameters
+    ----------
+    name
+        One of ``NAMES``.
+    out
+        Folder of all policies; a student's teacher must be trained there.
+    """
 
+    name: str
+    out: Path
 
-KINDS = {
-    "plain": Kind(1_400_000),
-    "frames": Kind(2_200_000, frames=8),
-    "lstm": Kind(1_400_000, cells=64, hidden=(64,), batch=2560),
-}
+    @property
+    def twin(self) -> str:
+        """Which of the pairs of teacher and student it belongs to."""
+        return self.name.partition("-")[2]
 
+    @property
+    def file(self) -> Path:
+        """Where the trained policy is written."""
+        return self.out / f"{self.name}.json"
 
-def make_robots(seed: int) -> Any:
-    """Return ROBOTS robots as a vector environment of stable-baselines3."""
-    return load_extra("experiments.league.robots").ResidualVecEnv(ROBOTS, EPISODE, seed)
+    @property
+    def module(self) -> Any:
+        """``teachers`` or ``students``."""
+        return load_extra(f"experiments.league.{self.name.partition('-')[0]}s")
 
+    @property
+    def plan(self) -> Any:
+        """Rounds, water and seed."""
+        other = self.twin == ANY_WATER
+        return self.module.Plan(any_water=other, seed=0 if other else int(self.twin))
 
-def train(kind: Kind, seed: int, tell: Callable[[int, float], None]) -> tuple[Policy, Any]:
-    """Return a policy that PPO learned, and stable-baselines3's model of it."""
-    torch = load_extra("torch")
-    vec_env = load_extra("stable_baselines3.common.vec_env")
-    began = time.process_time()
-    robots = make_robots(seed)
-    normal = vec_env.VecNormalize(robots, gamma=GAMMA, clip_obs=math.inf, epsilon=1e-4)
-    seen = vec_env.VecFrameStack(normal, kind.frames) if kind.frames > 1 else normal
-    size = ROBOTS * HORIZON
-    actions = -(-kind.actions // size) * size
-    curve = list[tuple[int, float]]()
+    def teacher(self) -> Teacher:
+        """Return a student's teacher."""
+        path = self.out / f"teacher-{self.twin}.json"
+        if not path.exists():
+            raise InvalidArgumentError(
+                f"policies must have teacher-{self.twin} before {self.name}: {path} is missing"
+            )
+        return Teacher.load(path)
 
-    def callback(names: dict[str, Any], _globals: dict[str, Any]) -> bool:
-        done = int(names["self"].num_timesteps)
-        if done % size == 0 and np.isfinite(robots.earned).all():
-            curve.append((done, round(float(robots.earned.mean()), 3)))
-            tell(*curve[-1])
-        return True
+    def first(self) -> State | None:
+        """Return what it begins with: the teacher of any water with what the first one learned."""
+        if self.name != f"teacher-{ANY_WATER}":
+            return None
+        path = self.out / NAMES[0] / CHECKPOINT
+        if not path.exists():
+            raise InvalidArgumentError(
+                f"policies must have {NAMES[0]} before {self.name}: {path} is missing"
+            )
+        return dict(load_extra("torch").load(path, weights_only=True)["learned"])
 
-    net: dict[str, Any] = {
-        "net_arch": list(kind.hidden),
-        "activation_fn": torch.nn.Tanh,
-        "log_std_init": math.log(kind.deviation),
-    }
-    if kind.cells:
-        net |= {
-            "lstm_hidden_size": kind.cells, "shared_lstm": True, "enable_critic_lstm": False
-        }  # fmt: skip
-        make = load_extra("sb3_contrib").RecurrentPPO
-        name = "MlpLstmPolicy"
-    else:
-        make = load_extra("stable_baselines3").PPO
-        name = "MlpPolicy"
-    with isolated_rng():
-        model = make(
-            name, seen, gamma=GAMMA, n_steps=HORIZON, batch_size=kind.batch, n_epochs=kind.epochs,
-            learning_rate=lambda left: kind.rate * (0.1 + 0.9 * left), policy_kwargs=net,
-            seed=seed, device="cpu",
-        )  # fmt: skip
-        model.learn(actions, callback)
-    first = read_library()["offline"]  # of the gait
-    offline = Offline(
-        (actions + EPISODE * ROBOTS) * INTERVAL + first["steps"][0],
-        round(time.process_time() - began + first["seconds"][0], 1),
-    )
-    return Policy(numbers(model, normal), kind.frames, offline, tuple(curve)), model
+    def train(self, tell: Tell) -> None:
+        """Train the policy, or go on where it stopped; write its file."""
+        torch = load_extra("torch")
+        module = self.module
+        plan = self.plan
+        teacher = self.teacher().weights if self.name.startswith("student") else None
+        folder = ensure_writable_directory(self.out / self.name)
+        checkpoint = folder / CHECKPOINT
+        with lock(folder):
+            write_manifest(folder, "a training", {"name": self.name, **asdict(plan)})
+            state: State = {"learned": self.first(), "curve": [], "seconds": 0.0}
+            if checkpoint.exists():
+                state = torch.load(checkpoint, weights_only=True)
+            for number in range(len(state["curve"]), plan.rounds):
+                began = time.process_time()
+                learned = module.learn_round(plan, number, teacher, state["learned"])
+                spent = state["seconds"] + time.process_time() - began
+                pace = module.test(learned, teacher, plan)
+                curve = [*state["curve"], [(number + 1) * module.round_actions(), pace]]
+                state = {"learned": learned, "curve": curve, "seconds": spent}
+                content = io.BytesIO()
+                torch.save(state, content)
+                write_bytes(checkpoint, content.getvalue())
+                tell(number + 1, f"{self.name}: {pace:.3f} units/s")
+        self._save(state)
 
-
-def numbers(model: Any, normal: Any) -> dict[str, NDArray[np.float64]]:
-    """Return a model's weights by the names of ``Policy``."""
-    linear = load_extra("torch").nn.Linear
-    parts = (model.policy.mlp_extractor.policy_net, model.policy.action_net)
-    layers = [m for part in parts for m in part.modules() if isinstance(m, linear)]
-    found = {f"w{i}": layer.weight for i, layer in enumerate(layers)}
-    found |= {f"b{i}": layer.bias for i, layer in enumerate(layers)}
-    if hasattr(model.policy, "lstm_actor"):
-        lstm = model.policy.lstm_actor
-        found |= {
-            "w_in": lstm.weight_ih_l0, "w_back": lstm.weight_hh_l0,
-            "b_in": lstm.bias_ih_l0 + lstm.bias_hh_l0,
-        }  # fmt: skip
-    moments = normal.obs_rms
-    return {
-        "mean": moments.mean,
-        "scale": np.sqrt(moments.var + normal.epsilon),
-        **{name: value.detach().numpy().astype(float) for name, value in found.items()},
-    }
+    def _save(self, state: State) -> None:
+        curve = tuple((actions, round(pace, 4)) for actions, pace in state["curve"])
+        weights = self.module.weights(state["learned"])
+        offline = Offline(INTERVAL * curve[-1][0], round(state["seconds"], 1))
+        if self.name.startswith("teacher"):
+            Teacher(weights, offline._asdict(), curve).save(self.file)
+        else:
+            Student(self.teacher(), weights, offline, curve).save(self.file)
 
 
 @dataclass(frozen=True)
 class Policies:
-    """Train the learned rivals of the recovery league; write NAME.json for each."""
+    """Train the learned rivals of the recovery league and the agent's teachers; NAME.json each."""
 
-    example: ClassVar[str] = "--kinds plain --out out/policies"
+    example: ClassVar[str] = "--policies teacher-0 --out out/policies"
 
     out: Out = Path("out/policies")
-    kinds: Annotated[tuple[str, ...], arg(metavar="KIND")] = tuple(KINDS)
-    """Some of plain, frames and lstm."""
-    seed: int = 0
-    """Seed of everything random."""
+    policies: Annotated[
+        tuple[str, ...], arg(metavar="NAME", help=f"Some of: {', '.join(NAMES)}.")
+    ] = NAMES
 
     def execute(self) -> None:
-        """Train one after another."""
-        for name in self.kinds:
-            kind = KINDS[one_of("kinds", name, KINDS)]
+        """Train one after another those whose files are missing."""
+        trainings = [Training(one_of("policies", name, NAMES), self.out) for name in self.policies]
+        missing = [one for one in trainings if not one.file.exists()]
+        total = sum(one.plan.rounds for one in missing)
+        before = 0
+        with show_progress("training", max(total, 1)) as show:
+            for one in missing:
+                one.train(_after(before, show))
+                before += one.plan.rounds
+        for one in trainings:
+            print(one.file)
 
-            def tell(done: int, earned: float, name: str = name) -> None:
-                print(f"{name}: {done} actions, mean return {earned:.2f}", flush=True)
 
-            policy, _ = train(kind, self.seed, tell)
-            policy.save(self.out / f"{name}.json")
-            print(f"{name}: {policy.offline.seconds} CPU s, {policy.offline.steps} robot steps")
+def _after(before: int, show: Tell) -> Tell:
+    """Return a function that shows rounds after those ``before``."""
+    return lambda done, text: show(before + done, text)
 
 
 if __name__ == "__main__":

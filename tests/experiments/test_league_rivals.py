@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
 from aquafish.online.gaits import load_library
+from aquafish.online.teacher import Teacher
 from aquafish_gym import Morphology
-from experiments.league import policies
+from aquafish_gym.utils.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.archive import SIZE, Archive, Varied, varied
 from experiments.league.entrants import ENTRANTS, MADE, Entry
 from experiments.league.episodes import Episode, play
-from experiments.league.policies import KINDS, make_robots, train
-from experiments.league.policy import SENSES, Offline, Policy, PolicyAgent
+from experiments.league.policies import Policies
+from experiments.league.policy import CELLS, SENSES, TWINS, Offline, Student, StudentAgent
+from experiments.league.robots import BothWaters, Conditions, TrainingRobots
 from experiments.league.trials import DirectSearch, TrialAgent, TrialAndError, load_archive, predict
 from gait import Controller
 
@@ -123,43 +128,139 @@ def test_the_archive_holds_gaits_of_many_descriptors() -> None:
     assert offline.steps > 5e8
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_a_file_of_weights_is_a_policy_that_reacts(name: str) -> None:
-    policy = Policy.load(MADE / f"policies/{name}.json")
-    assert policy.offline.steps >= 20 * KINDS[name].actions
-    agent = PolicyAgent(policy)
+@pytest.mark.parametrize("twin", TWINS)
+def test_a_file_of_weights_is_a_policy_that_reacts(twin: str) -> None:
+    student = Student.load(MADE / f"policies/student-{twin}.json")
+    assert student.offline.steps > 2e9
+    assert (MADE / f"policies/student-{twin}.json").stat().st_size < 300_000
+    agent = StudentAgent(student)
     agent.begin((0.1, -0.2, 0.3))
     first = agent.act(np.zeros(9))
     assert np.abs(first).max() <= 1.0
     assert (agent.act(np.full(9, 0.5)) != first).any()
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_numpy_evaluates_a_policy_as_torch_does(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def small_trainings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a round of training take a second."""
+    teachers = pytest.importorskip("experiments.league.teachers")
+    from experiments.league import students
+
+    for module, name, value in (
+        (teachers, "ROBOTS", 12), (teachers, "UPDATES", 2), (teachers, "BATCH", 60),
+        (students, "ROBOTS", 12), (students, "UPDATES", 1), (students, "BATCH", 6),
+        (teachers, "HORIZON", 5), (teachers, "TEST_ROBOTS", 4),
+        (students, "TEST_SECONDS", 25.0), (students, "TEST_ROBOTS", 4),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, value)
+    for module in (teachers, students):
+        monkeypatch.setattr(module, "Plan", partial(module.Plan, rounds=2))
+
+
+@pytest.mark.usefixtures("small_trainings")
+def test_a_training_that_was_interrupted_gives_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("sb3_contrib" if name == "lstm" else "stable_baselines3")
-    for one, value in (("ROBOTS", 6), ("HORIZON", 4), ("EPISODE", 3)):
-        monkeypatch.setattr(policies, one, value)
-    policy, model = train(replace(KINDS[name], actions=24, batch=24, epochs=1), 0, lambda *_: None)
-    policy.save(tmp_path / "policy.json")
-    agent = PolicyAgent(Policy.load(tmp_path / "policy.json"))
-    robots, state = make_robots(1), None
-    robots.reset()
-    seen = robots._begin(np.ones(6, bool), 5)  # all at once
-    agent.begin(robots._inputs.fin_angles[0])
-    w, begins = policy.weights, np.ones(6, bool)
-    frames = np.zeros((6, policy.frames, 20))
+    from experiments.league import students, teachers
+
+    names = ("teacher-0", "student-0", "teacher-any-water")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    Policies(whole, names).execute()
+    for module in (teachers, students):
+        learn_round = module.learn_round
+
+        def interrupted(plan: Any, number: int, *rest: Any, learn_round: Any = learn_round) -> Any:
+            if number == 1 and (plan.any_water, learn_round) not in stopped:
+                stopped.add((plan.any_water, learn_round))
+                raise KeyboardInterrupt
+            return learn_round(plan, number, *rest)
+
+        monkeypatch.setattr(module, "learn_round", interrupted)
+    stopped = set[tuple[bool, Any]]()
+    for _ in names:
+        with pytest.raises(KeyboardInterrupt):
+            Policies(parts, names).execute()
+    Policies(parts, names).execute()
+    for name in names:
+        one, other = (read_document(folder / f"{name}.json") for folder in (whole, parts))
+        for document in (one, other, one.get("teacher", {}), other.get("teacher", {})):
+            document.pop("offline", None)  # CPU times differ
+        assert one == other
+
+
+@pytest.mark.usefixtures("small_trainings")
+def test_numpy_evaluates_a_student_as_torch_does() -> None:
+    from experiments.league import students, teachers
+
+    torch = teachers.torch
+    teacher = teachers.weights(teachers.learn_round(teachers.Plan(), 0, None, None))
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        net = students.Student(teachers.actor(teacher))
+        torch.nn.init.normal_(net.estimate.weight, std=0.1)
+    found = students.weights({"student": net.state_dict()})
+    agent = StudentAgent(Student(Teacher(teacher, Offline()._asdict()), found, Offline()))
+    robots = TrainingRobots(1, Conditions(noise=0.01), 5)
+    robots.start()
+    agent.begin(robots._reckoned.fin_angles[0])
+    cells, before = torch.zeros(1, 1, CELLS), robots.sensed()
     for _ in range(12):
-        frame = ((seen - w["mean"]) / w["scale"])[:, None]
-        frames = np.concatenate([frames[:, 1:], frame], axis=1)
-        theirs, state = model.predict(
-            frames.reshape(6, -1).astype(np.float32), state, begins, deterministic=True
-        )
-        mine = agent.act(robots.envs._seen[0])
-        robots.step_async(theirs)
-        assert mine == pytest.approx(robots._previous[0], abs=1e-3)
-        seen, begins = robots.step_wait()[0], np.zeros(6, bool)
+        now = robots.sensed()
+        with torch.no_grad():
+            wanted, _, cells = net(torch.from_numpy(np.hstack([now, before]))[None], cells)
+        before = now
+        action = agent.act(robots._readings[0])
+        assert action == pytest.approx(wanted[0, 0].numpy().clip(-1, 1), abs=1e-5)
+        robots.step(action[None].astype(np.float32))
+
+
+def test_robots_that_learn_begin_one_group_after_another() -> None:
+    robots = TrainingRobots(12, Conditions(any_water=True, unknown_share=0.5), 0)
+    observed = robots.reset()
+    assert observed.shape == (12, 38)
+    begun = []
+    for _ in range(150):
+        observed, _, done, infos = robots.step(np.zeros((12, 3), np.float32))
+        begun.append(robots.begun.sum())
+        assert (done == robots.begun).all()
+        assert all(infos[i]["TimeLimit.truncated"] for i in np.flatnonzero(done))
+    assert sorted(begun)[-6:] == [2] * 6
+    assert sum(begun) == 12
+    assert np.isfinite(observed).all()
+    # An action far beyond what servos obey costs reward, and moves no robot otherwise.
+    ones = np.ones((12, 3), np.float32)
+    twins = [TrainingRobots(12, Conditions(any_water=True), 0) for _ in range(2)]
+    for twin in twins:
+        twin.start()
+    (one, reward, *_), (other, less, *_) = twins[0].step(ones), twins[1].step(3.0 * ones)
+    assert (one == other).all()
+    assert reward - less == pytest.approx(0.02 * 3 * 1.5**2, abs=1e-6)
+
+
+def test_half_of_the_robots_swim_in_water_with_added_mass() -> None:
+    conditions = Conditions(any_water=True, noise=0.01)
+    both = BothWaters(6, conditions, 3)
+    alone = [
+        TrainingRobots(3, conditions, 3),
+        TrainingRobots(3, replace(conditions, reactive=True), 6),
+    ]
+    assert (both.reset() == np.concatenate([part.reset() for part in alone])).all()
+    actions = np.linspace(-2.0, 2.0, 18, dtype=np.float32).reshape(6, 3)
+    observed, rewards, *_ = both.step(actions)
+    each = [part.step(some) for part, some in zip(alone, (actions[:3], actions[3:]), strict=True)]
+    assert (observed == np.concatenate([one[0] for one in each])).all()
+    assert (rewards == np.concatenate([one[1] for one in each])).all()
+    assert (both.sensed() == np.concatenate([part.sensed() for part in alone])).all()
+    assert (both.truth()[1] == np.concatenate([part.truth()[1] for part in alone])).all()
+    assert alone[1].conditions.reactive
+    assert not alone[0].conditions.reactive
+
+
+def test_a_student_without_its_teacher_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match="must have teacher-1 before student-1"):
+        Policies(tmp_path, ("student-1",)).execute()
+    with pytest.raises(InvalidArgumentError, match="must have teacher-0 before teacher-any-water"):
+        Policies(tmp_path, ("teacher-any-water",)).execute()
 
 
 def test_only_an_entrant_with_measure_is_told_its_position(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,7 +286,7 @@ def test_only_an_entrant_with_measure_is_told_its_position(monkeypatch: pytest.M
     assert ENTRANTS["still"].offline == Offline()
 
 
-@pytest.mark.parametrize("name", ["PPO, fins", "PPO, damaged", "trial and error", "self-model"])
+@pytest.mark.parametrize("name", ["PPO, fins", "RMA", "trial and error", "self-model"])
 def test_an_entrant_knows_what_was_spent_on_it(name: str) -> None:
     steps, seconds = ENTRANTS[name].offline
     assert steps > 1e7
