@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment
+from aquafish.online.case import CHANNEL_TOLERANCE, REOPENED_ACTIONS, Case, Moment
 from aquafish.online.choosing import GaitChooser, Water, predicts
 from aquafish.online.config import AgentConfig
+from aquafish.online.early import EARLY_DRIFT, EarlyWatch
 from aquafish.online.gaits import load_library
-from aquafish.online.hypotheses import damage_text
 from aquafish.online.monitor import (
     CALIBRATION_ACTIONS,
     ERROR_SCALES,
@@ -153,11 +153,16 @@ class SelfModelAgent:
         self._steps = 0
         self._action = np.zeros(3, np.float32)
         self._broken = Damage()
+        self._early: EarlyWatch | None = None
+        if fin_angles is not None:
+            back = ACTIONS_BEFORE_ALARM[config.gyro_only] if config.gyro_noise else 0
+            self._early = EarlyWatch(self._calibration, back, config.inferences)
         self._case: Case | None = None
+        self._first_case: Case | None = None  # of the alarms in a row
         self._quiet = 0
         self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
-        self._thoughts: list[Thought[Recognised]] = []
+        self._thoughts: list[Thought[tuple[Case, Recognised]]] = []
         self._chooser = GaitChooser(self.library, self.teachers, config, self.dt, self.events)
         self._chooser.begin(self.model)
 
@@ -224,27 +229,53 @@ class SelfModelAgent:
             self._log("alarm", "this is not what the self-model predicts")
         if self._case is not None:
             if self._case.is_due(self._steps):
-                self._infer(self._case)
+                self._infer(self._case, self._moments, self._drift)
             if not self._case.due:
                 self._case = None
 
     def _calibrate(self, calibration: ErrorCalibration, moment: Moment) -> None:
         """Measure the model's error, and find where the fins are."""
         unknown = calibration.unknown
-        enough = calibration.add(moment.action, moment.observed)
+        early = self._early
+        known = None if early is None else early.known
+        explaining = early is not None and early.explaining
+        check = known is None and not explaining
+        enough = calibration.add(moment.action, moment.observed, check)
         self.model = calibration.model
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
             self._chooser.begin(self.model)
         self._foreign = calibration.foreign
-        if self._steps == WATER_ACTIONS and calibration.other_water:
+        if self._steps == WATER_ACTIONS and calibration.other_water and not explaining:
             self._log("water", calibration.other_water)
             self._change_gait()
+        if early is not None:
+            if early.add():
+                self._log("alarm", "this is not what the self-model predicts")
+            case = early.due(self._steps)
+            if case is not None:
+                self._infer(case, early.moments, EARLY_DRIFT)
+            enough &= not early.explaining
+            known = early.known
         if enough:
-            self._monitor, self._drift = calibration.finish()
+            if known is not None:
+                self.model = calibration.models[known]
+                self._foreign = False
+            self._monitor, self._drift = calibration.finish(known)
             self._intact = self.model.robot
             self._calibration = None
             self._change_gait()
+
+    def _end_calibration(self, early: EarlyWatch, found: Recognised, case: Case) -> None:
+        """End the calibration because something broke: the robot was whole until then."""
+        self._moments = early.moments
+        self._monitor = early.monitor
+        self._drift = EARLY_DRIFT
+        self._intact = case.before[found.before]
+        self._foreign = False
+        self._calibration = None
+        self._case = early.case
+        self._first_case = case
 
     def _open(self) -> Case:
         """Return the case of an alarm."""
@@ -264,23 +295,37 @@ class SelfModelAgent:
             most = ERROR_SCALES[-1] * MODEL_ERROR
             self.model.model_error = np.minimum(ERROR_GROWTH * self.model.model_error, most)
         due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_OBSERVATIONS]
-        return Case(self._steps, before, broken, first, due or [1])
+        case = Case(self._steps, before, broken, first, due or [1])
+        recent = self._first_case
+        if (
+            recent is not None
+            and self._steps - recent.step <= REOPENED_ACTIONS
+            and recent.before[0] is not self.model.robot
+        ):
+            case.earlier = recent
+        else:
+            self._first_case = case
+        return case
 
-    def _infer(self, case: Case) -> None:
+    def _infer(self, case: Case, moments: Sequence[Moment], drift: Floats) -> None:
         """Recognise what broke; the result can be used after the time for thinking."""
         began = time.process_time()
-        found = case.explain(self._moments, self._drift, self.config.gyro_noise, self.hold)
-        fins = damage_text(found.damage) if found.damage else ""
-        about = "; ".join(text for text in (fins, *found.sensors) if text)
-        due = self._steps + thinking_actions(self.config.inference_seconds, self.dt)
+        found = case.explain(moments, drift, self.config.gyro_noise, self.hold)
+        if self._calibration is not None and (found.unchanged or not found.fits):
+            return
+        if case.due and not found.decided:
+            return
+        seconds = case.inferences * self.config.inference_seconds
+        due = self._steps + thinking_actions(seconds, self.dt)
         cpu = time.process_time() - began
-        event = Event(self._steps * self.dt, "inferred", about or "none", cpu)
-        self._thoughts.append(Thought(due, event, found))
+        event = Event(self._steps * self.dt, "inferred", found.about, cpu)
+        self._thoughts.append(Thought(due, event, (case, found)))
 
-    def _use(self, thought: Thought[Recognised]) -> None:
+    def _use(self, thought: Thought[tuple[Case, Recognised]]) -> None:
         """Use an inference that is due: become another robot."""
         self.events.append(thought.event)
-        found = self.recognised = thought.result
+        case, found = thought.result
+        self.recognised = found
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
@@ -289,9 +334,12 @@ class SelfModelAgent:
         if since:
             actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
-        whole = not found.damage and not found.sensors
-        robot = self._intact if whole else found.robot
-        changed = not _alike(robot, self.model.robot)
+        changed = False
+        if self._calibration is not None and self._early is not None:
+            self._end_calibration(self._early, found, case)
+            changed = True
+        robot = self._intact if found.whole else found.robot
+        changed |= not _alike(robot, self.model.robot)
         self._monitor.clear()
         self._broken = found.damage
         self.model.become(robot, state)

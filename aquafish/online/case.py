@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -17,6 +18,8 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
 SETTLED_CASE_ACTIONS = 10  # after an alarm, from which on the inferred fault is trusted
+REOPENED_ACTIONS = 25  # after an alarm, within which another one may mean that its fault was wrong
+CHARGED_STARTS = 3  # from which all hypotheses are simulated in the time of one inference
 # A channel is broken if its rms error is more than this, and than these multiples of the model's
 # own error and of the gyroscope's noise.
 CHANNEL_TOLERANCE = 0.02
@@ -41,6 +44,8 @@ class Case:
     broken: Sequence[Damage]  #: What is broken of each in ``before``.
     first: int  #: The first moment at which it may have broken.
     due: list[int]  #: Numbers of observations from the alarm on with which to infer again.
+    #: The case of an alarm shortly before, whose fault may have been inferred wrongly.
+    earlier: Case | None = None
 
     def settled(self, step: int) -> bool:
         """Whether an alarm at a step means another fault rather than a wrong belief."""
@@ -53,20 +58,40 @@ class Case:
             self.due.pop(0)
         return due
 
+    @property
+    def _starts(self) -> int:
+        """The number of states at which it may have broken."""
+        return self.step - self.first
+
+    @property
+    def inferences(self) -> int:
+        """How many inferences of usual length one of this case takes."""
+        own = math.ceil(len(self.before) * self._starts / CHARGED_STARTS)
+        return own + (self.earlier.inferences if self.earlier is not None else 0)
+
     def explain(
         self, moments: Sequence[Moment], drift: Floats, gyro_noise: float, hold: int
     ) -> Recognised:
         """Return what explains the moments since the first at which something may have broken.
 
         ``moments`` are all of the episode; ``drift`` (9,) is the rms error of the model's own
-        predictions, and ``gyro_noise`` that of the whole gyroscope, rad/s.
+        predictions, and ``gyro_noise`` that of the whole gyroscope, rad/s. If one fault at the
+        earlier alarm explains all moments since, that is the answer.
         """
-        moments = moments[self.first :]
+        found = self._explain_alone(moments[self.first :], drift, gyro_noise, hold)
+        if self.earlier is None or found.unchanged:
+            return found
+        again = self.earlier.explain(moments, drift, gyro_noise, hold)
+        return again if again.damage and again.fits else found
+
+    def _explain_alone(
+        self, moments: Sequence[Moment], drift: Floats, gyro_noise: float, hold: int
+    ) -> Recognised:
         actions = np.array([moment.action for moment in moments])
         observed = np.array([moment.observed for moment in moments])
         # The filter has since followed the broken robot: what it was is simulated from there.
         states = [moments[0].state]
-        for action in actions[: self.step - self.first]:
+        for action in actions[: self._starts - 1]:
             states.append(predict(self.before[0], states[-1], action[None], hold)[1][:, 0])
         tolerance = np.maximum(DRIFT_RATIO * drift, CHANNEL_TOLERANCE)
         tolerance[GYRO_CHANNELS] = np.maximum(tolerance[GYRO_CHANNELS], NOISE_RATIO * gyro_noise)

@@ -1,6 +1,6 @@
-"""What may have broken in mid-swim: one fault of a fin, or two, with numbers on a grid.
+"""What may have broken in mid-swim: one to three faults of fins, with numbers on a grid.
 
-Two faults are of different fins, or two sizes of one fin.
+Two faults are of different fins, or two sizes of one fin. A third one is of another fin.
 """
 
 from __future__ import annotations
@@ -81,10 +81,43 @@ class DamageGrid(NamedTuple):
         return self._replace(numbers=_rows(axes))
 
     @property
+    def free(self) -> list[int]:
+        """Which of the k numbers may vary."""
+        return [i for i, (_, word) in enumerate(self.words) if word in NUMBER_RANGES]
+
+    def beside(self, difference: float) -> DamageGrid:
+        """Return the first damage, and it with one number after the other changed a little."""
+        free = self.free
+        numbers = np.repeat(self.numbers[:1], 1 + len(free), axis=0)
+        for row, i in enumerate(free, start=1):
+            high = NUMBER_RANGES[self.words[i][1]][1]
+            numbers[row, i] += difference if numbers[0, i] + difference <= high else -difference
+        return self._replace(numbers=numbers)
+
+    def along(self, step: Floats, lengths: Sequence[float]) -> DamageGrid:
+        """Return the first damage, and it after a step (k,) of its numbers times each length."""
+        numbers = self.numbers[0] + np.outer((0.0, *lengths), step)
+        for i in self.free:
+            numbers[:, i] = numbers[:, i].clip(*NUMBER_RANGES[self.words[i][1]])
+        return self._replace(numbers=numbers)
+
+    def with_another(self) -> list[DamageGrid]:
+        """Return the first damage with each fault of each fin that is whole in it."""
+        broken_fins = {fin for fin, _ in self.words}
+        return [
+            DamageGrid(
+                (*self.words, (fin, word)),
+                _rows([*((number,) for number in self.numbers[0].tolist()), numbers]),
+            )
+            for fin in FINS
+            if fin not in broken_fins
+            for word, numbers in FIRST_NUMBERS.items()
+        ]
+
+    @property
     def prior_cost(self) -> float:
         """Minus the log prior of each of them."""
-        numbers = sum(word in NUMBER_RANGES for _, word in self.words)
-        return WORD_COST * len(self.words) + NUMBER_COST * numbers
+        return WORD_COST * len(self.words) + NUMBER_COST * len(self.free)
 
     def damage(self) -> Damage:
         """Return the first one."""

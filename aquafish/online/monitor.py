@@ -43,6 +43,7 @@ FIN_ANGLE_ACTIONS = 5  # with readings, after which unknown fin angles are estim
 FIN_ANGLE_ERROR = 0.2  # standard deviation of the estimated angles, rad
 WATER_ACTIONS = 25  # after which the water's kind is chosen
 CALIBRATION_ACTIONS = 50  # after which the calibration is complete
+UNCOUNTED_ACTIONS = 5  # the last ones of a watched filter
 SETTLED_ACTIONS = 10  # after which the filter has forgotten its initial state
 SILENT_ACTIONS = 3  # after which a channel without a reading is reported
 GLITCH_SDS = 10.0  # standard deviations beyond which a single reading is ignored as a glitch
@@ -152,6 +153,11 @@ class ErrorCalibration:
     ----------
     unknown
         Whether the fin angles are not known yet.
+    fitted
+        Whether drags of the fins were tried.
+    models, moments, squares
+        The filters, and for each of them its moments and its squared innovations with the numbers
+        of channels.
     """
 
     def __init__(self, robot: Scenario, fin_angles: ArrayLike | None, hold: int) -> None:
@@ -162,7 +168,8 @@ class ErrorCalibration:
             fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
         self.unknown = fin_angles is None
-        self._fitted = False  # whether drags were tried
+        self.fitted = False
+        self._checks = [WATER_ACTIONS, CALIBRATION_ACTIONS]  # of the water, to come
         self._hold = hold
         self._start_error = START_ERROR
         self._fins = np.zeros(3) if fin_angles is None else fin_angles
@@ -171,26 +178,31 @@ class ErrorCalibration:
 
     def _begin(self) -> None:
         """Start new filters, and let them repeat all actions and observations so far."""
-        self._models = [
+        self.models = [
             SelfModel(robot, self._fins, MODEL_ERROR * scale, self._start_error, self._hold)
             for robot in self._robots
             for scale in ERROR_SCALES
         ]
-        self._squares: list[list[tuple[float, int]]] = [[] for _ in self._models]
-        self._moments: list[list[Moment]] = [[] for _ in self._models]
+        self.squares: list[list[tuple[float, int]]] = [[] for _ in self.models]
+        self.moments: list[list[Moment]] = [[] for _ in self.models]
         self._surprising = np.zeros(len(CHANNELS), np.bool_)
         for action, observed in self._past:
             self._step(action, observed)
 
     @property
+    def exact(self) -> list[int]:
+        """The indices of the filters of the least model error, one for each water."""
+        return list(range(0, len(self.models), len(ERROR_SCALES)))
+
+    @property
     def best(self) -> int:
         """The index of the model of highest likelihood so far."""
-        return int(np.argmax([model.log_likelihood for model in self._models]))
+        return int(np.argmax([model.log_likelihood for model in self.models]))
 
     @property
     def model(self) -> SelfModel:
         """The model of highest likelihood so far."""
-        return self._models[self.best]
+        return self.models[self.best]
 
     @property
     def other_water(self) -> str:
@@ -204,8 +216,11 @@ class ErrorCalibration:
         """Whether the water is foreign: the likeliest model has a large error in it."""
         return bool(self.model.model_error[0] >= FOREIGN_ERROR_SCALE * MODEL_ERROR[0])
 
-    def add(self, action: Floats, observed: Floats) -> bool:
-        """Add an action (3,) and the observation (9,) after it; return whether it was the last."""
+    def add(self, action: Floats, observed: Floats, check: bool = True) -> bool:
+        """Add an action (3,) and the observation (9,) after it; return whether it was the last.
+
+        Without ``check``, whether the water is foreign is checked later.
+        """
         wanted = (len(CHANNELS),)
         action = finite_array("action", action, (3,))
         observed = real_array("observed", observed, wanted)
@@ -224,22 +239,22 @@ class ErrorCalibration:
             actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
             self._begin()
-        elif (
-            len(past) in (WATER_ACTIONS, CALIBRATION_ACTIONS) and self.foreign and not self._fitted
-        ):
-            robot = self.model.robot
-            self._fitted = True
-            self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
-            self._begin()
-        return len(past) == CALIBRATION_ACTIONS
+        elif self._checks and len(past) >= self._checks[0] and check:
+            del self._checks[0]
+            if self.foreign and not self.fitted:
+                robot = self.model.robot
+                self.fitted = True
+                self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
+                self._begin()
+        return len(past) >= CALIBRATION_ACTIONS
 
     def _step(self, action: Floats, observed: Floats) -> None:
-        states = [model.state for model in self._models]
-        for model in self._models:
+        states = [model.state for model in self.models]
+        for model in self.models:
             model.step(action)
         observed = self._without_glitches(observed)
         for state, model, squares, moments in zip(
-            states, self._models, self._squares, self._moments, strict=True
+            states, self.models, self.squares, self.moments, strict=True
         ):
             moments.append(Moment(state, action, observed))
             squares.append((model.correct(observed), int(model.used(observed).sum())))
@@ -255,19 +270,26 @@ class ErrorCalibration:
             return observed
         before = self._surprising
         self._surprising = np.ones(len(CHANNELS), np.bool_)
-        for model in reversed(self._models):  # that of the largest error is surprised least
+        for model in reversed(self.models):  # that of the largest error is surprised least
             self._surprising &= model.surprise(observed) > GLITCH_SDS
             if not self._surprising.any():
                 break
         return np.where(self._surprising & ~before, np.nan, observed)
 
-    def finish(self) -> tuple[SurpriseMonitor, Floats]:
-        """Return a monitor, and the rms error (9,) of open-loop predictions less sensor noise."""
-        model = self.model
-        moments = self._moments[self.best]
+    def finish(self, known: int | None = None) -> tuple[SurpriseMonitor, Floats]:
+        """Return a monitor, and the rms error (9,) of open-loop predictions less sensor noise.
+
+        Both are of the filter of highest likelihood, or of the one with the number ``known``, which
+        was watched. Something may have broken in the last actions: then they do not count.
+        """
+        best = self.best if known is None else known
+        counted = None if known is None else -UNCOUNTED_ACTIONS
+        model = self.models[best]
+        moments = self.moments[best][:counted]
         errors = []
-        monitor = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if self.foreign else SURPRISE_MARGIN)
-        for square, used in self._squares[self.best][SETTLED_ACTIONS:]:
+        foreign = self.foreign and known is None
+        monitor = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if foreign else SURPRISE_MARGIN)
+        for square, used in self.squares[best][SETTLED_ACTIONS:counted]:
             monitor.add(square, used, calm=True)
         for first in range(
             SETTLED_ACTIONS, len(moments) - PREDICTED_ACTIONS + 1, PREDICTION_INTERVAL

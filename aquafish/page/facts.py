@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.online import recognition
+from aquafish.online import search
 from aquafish.online.agent import ACTIONS_BEFORE_ALARM, ERROR_GROWTH, SAME_GAIT_DIFFERENCE
 from aquafish.online.case import CHANNEL_TOLERANCE, NOISE_RATIO, SETTLED_CASE_ACTIONS
-from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import (
     FIRST_NUMBERS,
@@ -41,6 +40,7 @@ from gait.controllers.network import OUTPUT_GAIN, Senses
 GYRO_NOISE = 0.01  # standard deviation, rad/s: the league's
 SAME_ROBOT_DIFFERENCE = 0.01  # of sizes, in units, and of gains: a robot that is whole
 EARLY_MARGIN = 20.0  # times as much surprise raises an alarm soon after another one
+INFERENCES = (3, 5, 8, 12, 18)  # numbers of observations from an alarm on with which to infer
 FIRST_FAULTS = 3  # the likeliest single ones, beside which another is looked for
 GAIT_SENSES = Senses(fins=True)  # of each gait of the library
 
@@ -80,11 +80,11 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         },
         "firstFaults": FIRST_FAULTS,
         "stencil": STENCIL.tolist(),
-        "rounds": recognition.NARROWING_ROUNDS,
-        "narrowed": recognition.NARROWED_HYPOTHESES,
-        "lateNarrowed": recognition.LATE_HYPOTHESES,
-        "firstSpacing": recognition.FIRST_SPACING,
-        "spacingRatio": recognition.SPACING_RATIO,
+        "rounds": search.NARROWING_ROUNDS,
+        "narrowed": search.NARROWED_HYPOTHESES,
+        "lateNarrowed": search.LATE_HYPOTHESES,
+        "firstSpacing": search.FIRST_SPACING,
+        "spacingRatio": search.SPACING_RATIO,
         "modelError": MODEL_ERROR.tolist(),
         "recognisedError": RECOGNISED_ERROR.tolist(),
         # It begins at rest, in water whose current it knows.
@@ -96,7 +96,7 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "settledActions": SETTLED_CASE_ACTIONS,
         # As many as without a compass: a longer stretch tells a seized fin from a weak one.
         "recentMoments": ACTIONS_BEFORE_ALARM[True] + 1,
-        "inferences": AgentConfig().inferences,
+        "inferences": INFERENCES,
         "sameRobot": SAME_ROBOT_DIFFERENCE,
         "sameGait": SAME_GAIT_DIFFERENCE,
         "outputGain": OUTPUT_GAIN,

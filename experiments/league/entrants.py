@@ -52,6 +52,11 @@ class Still:
 class Blind(SelfModelAgent):
     """The agent that never looks for damage: it only refines the whole robot's gait."""
 
+    def begin(self, fin_angles: ArrayLike | None = None) -> None:
+        """Begin an episode, without watching from the first second on."""
+        super().begin(fin_angles)
+        self._early = None
+
     def _notice(self, observed: Floats, square: float) -> None:
         """Notice nothing."""
 
@@ -85,7 +90,7 @@ class Oracle(SelfModelAgent):
         self.model.become(robot, self.model.state)
         self._change_gait()
 
-    def _infer(self, case: object) -> None:
+    def _infer(self, *_case: object) -> None:
         """Infer nothing."""
 
 

@@ -10,10 +10,13 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online.case import Case
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
+from aquafish_gym.damage import Damage
+from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.world_config import WorldConfig
@@ -110,6 +113,45 @@ def test_in_an_episode_of_any_length_it_thinks_a_minute_ahead() -> None:
     agent, _, _ = swim("caudal:missing@11", 70, AgentConfig(1e5, generations=2, refinements=1))
     assert whats(agent).count("refined") >= 2
     assert all(10.0 < float(e.about.split()[-2]) < 70.0 for e in agent.events if e.what == "chose")
+
+
+@pytest.mark.parametrize("onset", [1.0, 3.0, 9.8])
+def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: float) -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, info, _ = swim(f"gyro:noise=0.01; caudal:weak=0.4@{onset}", 75, noisy)
+    alarm, first, *_ = (event for event in agent.events if event.what != "chose")
+    assert (alarm.what, onset < alarm.seconds <= onset + 0.6) == ("alarm", True)
+    assert first.what == "inferred"
+    assert first.about.startswith("caudal:weak=0.")
+    np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
+
+
+def test_damage_from_the_start_is_found_after_two_seconds() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, info, _ = swim("gyro:noise=0.01; left_pectoral:missing; caudal:weak=0.6", 30, noisy)
+    assert whats(agent)[:2] == ["inferred", "chose"]
+    assert agent.events[0].seconds == pytest.approx(2.0)
+    np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
+    np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
+
+
+def test_a_current_that_begins_changes_no_gait() -> None:
+    class Kick(SwimForward):
+        def current(self, memory: Any, seconds: Any) -> Any:  # noqa: ARG002
+            return (-0.12 * (seconds >= 15.0), 0.21 * (seconds >= 15.0), 0.0)
+
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, _, _ = swim("gyro:noise=0.01", 110, noisy, task=Kick(seconds=60.0))
+    assert whats(agent)[:3] == ["chose", "alarm", "inferred"]
+    assert whats(agent).count("chose") == 1
+    assert {event.about for event in agent.events[2:]} == {"current of (-0.12, 0.21, 0.00) units/s"}
+
+
+def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() -> None:
+    case = Case(100, [Scenario.create()], [Damage()], 97, [1])
+    assert case.inferences == 1
+    later = Case(115, [Scenario.create()] * 2, [Damage()] * 2, 112, [1], case)
+    assert later.inferences == 3
 
 
 def test_it_becomes_whole_again_when_a_fault_ends() -> None:

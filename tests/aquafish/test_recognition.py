@@ -11,6 +11,7 @@ from aquafish.online.hypotheses import all_hypotheses, broken, damage_text
 from aquafish.online.recognition import find_fins, recognise
 from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
+from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import Scenario
 
 STROKES = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 3))
@@ -54,6 +55,57 @@ def test_single_and_double_faults_are_recognised(damage: str, noise: float) -> N
     np.testing.assert_allclose(found.robot.body, true.body, atol=0.04)
     np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.04)
     assert found.sensors == ()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "left_pectoral:width=0.54; right_pectoral:length=0.7; caudal:weak=0.32",
+        "left_pectoral:width=0.17; right_pectoral:missing; caudal:seized",
+        "left_pectoral:entangled=0.3; right_pectoral:weak=0.4; caudal:reversed",
+    ],
+)
+def test_three_faults_at_once_are_recognised(damage: str) -> None:
+    whole = replace(WHOLE, gyro_noise=np.array([0.01]))
+    found = recognise([whole], [STATE], observe(damage, 0.01), STROKES, DRIFT, TOLERANCE)
+    true = Damage.parse(damage).edit(WHOLE)
+    assert found.fits
+    assert found.decided
+    np.testing.assert_allclose(found.robot.body, true.body, atol=0.02)
+    np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.02)
+
+
+@pytest.mark.parametrize("current", [(0.0, 0.1, 0.0), (-0.2, 0.1, 0.2), (0.4, -0.3, 0.0)])
+@pytest.mark.parametrize("damage", ["none", "caudal:missing"], ids=["whole", "broken"])
+def test_a_current_that_begins_is_no_fault_of_a_fin(
+    current: tuple[float, float, float], damage: str
+) -> None:
+    robot = replace(Damage.parse(damage).edit(WHOLE), gyro_noise=np.array([0.01]))
+    start = STATE.copy()
+    start[FIELDS["velocity"]] -= current
+    seen = predict(robot, start, STROKES)[0][0].copy()
+    seen[:, 6:] += 0.01 * np.random.default_rng(0).standard_normal((len(seen), 3))
+    found = recognise([robot], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    assert damage_text(found.damage) == "none"
+    assert found.about.startswith("current of (")
+    assert not found.unchanged
+    np.testing.assert_allclose(found.current, current, atol=0.02)
+
+
+def test_an_observation_of_a_current_does_not_decide_for_a_fin() -> None:
+    noisy = replace(WHOLE, gyro_noise=np.array([0.01]))
+    start = STATE.copy()
+    start[FIELDS["velocity"]] -= (-0.03, 0.1, 0.02)
+    seen = predict(WHOLE, start, STROKES[:1])[0][0].copy()
+    seen[:, 6:] += (-0.01, 0.01, 0.02)
+    found = recognise([noisy], [STATE], seen, STROKES[:1], DRIFT, TOLERANCE)
+    assert not found.damage or not found.decided
+
+
+def test_many_observations_show_a_bias_below_the_tolerance() -> None:
+    found = recognise([WHOLE], [STATE], observe("north_x:bias=0.01"), STROKES, DRIFT, TOLERANCE)
+    assert found.sensors == ("north_x:bias=0.01",)
+    assert found.whole is False
 
 
 def test_the_gyroscope_alone_tells_what_broke() -> None:
@@ -104,7 +156,9 @@ def test_a_fault_that_ends_is_recognised_as_the_robot_that_was() -> None:
 
 def test_none_of_the_hypotheses_is_an_answer() -> None:
     seen = np.random.default_rng(0).uniform(-1.0, 1.0, (len(STROKES), 9))
-    assert not recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE).explained
+    found = recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    assert not found.explained
+    assert not found.fits
 
 
 def test_hypotheses_are_edits_of_one_robot() -> None:

@@ -1,0 +1,350 @@
+"""The search for the likeliest of thousands of hypotheses about one swim.
+
+All are simulated in one batch from the state before the change, with the robot's own actions. The
+numbers of the best are narrowed.
+A broken sensor deviates under every hypothesis. So each channel's own error is profiled out of the
+likelihood, and a broken one costs all hypotheses alike; K is the number of observations::
+
+    cost = sum over channels of K / 2 log(sigma^2 + sum of r^2 / K) - log prior
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from aquafish.online.hypotheses import DamageGrid, FinFaults, all_hypotheses, broken
+from aquafish.online.self_model import LEAST_OBSERVATION_SD, noise_of, predict
+from aquafish.online.sensor_faults import (
+    BIAS_COST,
+    FEWEST_OBSERVATIONS,
+    NOISE_EXCESS,
+    repeated_channels,
+)
+from aquafish_gym.damage import Damage
+from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats
+
+COMPARED_ACTIONS = 8  # over which all hypotheses are compared
+NARROWED_HYPOTHESES = 16  # in the first two rounds
+LATE_HYPOTHESES = 4  # in later rounds
+NARROWING_ROUNDS = 6
+FIRST_SPACING = 0.12  # of the numbers that are tried
+SPACING_RATIO = 2.6  # of the spacing in a round to that in the next
+THIRD_PAIRS = 24  # of words, to which a third fault is added
+#: Of how many of them the numbers take a Gauss-Newton step, the first, the second and so on.
+THIRD_DESCENTS = (48, 24, 12, 8, 4, 4)
+NUMBER_DIFFERENCE = 0.01  # of a number, over which a slope is measured
+STEP_LENGTHS = (0.1, 0.3, 0.6, 1.0)
+THIRD_CASES = 2  # robots before and onsets, of which those pairs are
+DECIDED_NATS = math.log(1000.0)  # by which broken fins must be likelier than a current, or nothing
+CURRENT_COST = 10.0  # minus the log prior of a current that begins
+CURRENT_DIFFERENCE = 0.02  # units/s, over which a slope is measured
+CURRENT_DESCENTS = 6  # Gauss-Newton steps from no current, at most
+CURRENT_PRECISION = 0.002  # units/s: a shorter step is the last
+
+
+class Alternative(NamedTuple):
+    """What may have broken, and how likely that is among the alternatives."""
+
+    damage: Damage
+    #: Likelihood times prior at the best numbers, relative to the sum over the alternatives.
+    weight: float
+    robot: Scenario  #: What it would be: a scenario of one.
+
+
+class Candidate(NamedTuple):
+    """A hypothesis with its best numbers."""
+
+    cost: float  # nats
+    case: int  # the number of its robot before and its onset among the cases
+    grid: DamageGrid  # of one damage
+    current: tuple[float, ...] = ()  # units/s; empty: none begins
+
+
+def cost_of(end: Candidate) -> float:
+    return end.cost
+
+
+class Search:
+    """Hypotheses, compared by the same observations; see :func:`recognise`.
+
+    Attributes
+    ----------
+    cases
+        Pairs of the number of a robot before, and the number of the state at which it broke.
+    best
+        The best hypothesis so far of each set of words.
+    noise, silent, zero
+        (9,) the expected rms error of each channel; whether it repeats itself; whether it reads 0.
+    """
+
+    def __init__(
+        self,
+        before: Sequence[Scenario],
+        states: Sequence[Floats],
+        observed: Floats,
+        actions: Floats,
+        drift: Floats,
+        hold: int,
+    ) -> None:
+        self._before = before
+        self._states = states
+        self._observed = observed
+        self._actions = actions
+        self._hold = hold
+        self.noise = np.hypot(noise_of(before[-1]), drift)
+        self.silent, self.zero = repeated_channels(observed)
+        self._counted = np.where(self.silent, np.inf, self.noise)
+        self.cases = [(b, onset) for b in range(len(before)) for onset in range(len(states))]
+        self.best: dict[FinFaults, Candidate] = {}
+        # Until a later onset the robot was as before.
+        self._earlier = [0.0] * len(states)
+        self._earlier = [
+            float(self._costs(before[0], 0, states[0], k)[0]) if k else 0.0
+            for k in range(len(states))
+        ]
+
+    def _costs(
+        self, robots: Scenario, case: int, start: Floats, until: int | None = None
+    ) -> Floats:
+        """Return minus the log likelihoods (N,) of robots that begin in states (25, N) or (25,)."""
+        b, onset = self.cases[case]
+        seen = self._observed[onset:until] - self._before[b].sensor_bias[0]
+        predicted = self._predict(robots, case, start, until)
+        return mismatch(predicted, seen, self._counted) + self._earlier[onset]
+
+    def _predict(
+        self, robots: Scenario, case: int, start: Floats, until: int | None = None
+    ) -> Floats:
+        """Return what robots (N) of a case would observe, (N, K, 9)."""
+        actions = self._actions[self.cases[case][1] : until]
+        return predict(robots, start, actions, self._hold)[0]
+
+    def starts(self, case: int, currents: Floats) -> Floats:
+        """Return the states (25, N) of a case in which water has begun to flow with (N, 3)."""
+        starts = np.repeat(self._states[self.cases[case][1]][:, None], len(currents), axis=1)
+        starts[FIELDS["velocity"]] -= currents.T
+        return starts
+
+    def best_candidate(self) -> Candidate:
+        """Return the likeliest hypothesis; a third fault only if two leave more than noise."""
+        found = min(self.pairs(), self.currents(), key=cost_of)
+        if len(found.grid.words) > 1 and not self._fits(found):
+            found = min(found, self.third(), key=cost_of)
+        return found
+
+    def decided(self, candidate: Candidate) -> bool:
+        """Return whether a fault of the fins, if it states one, is much likelier than none.
+
+        A current that begins looks like one for an observation or two.
+        """
+        return not candidate.grid.words or self.best[()].cost - candidate.cost > DECIDED_NATS
+
+    def _fits(self, candidate: Candidate) -> bool:
+        """Return whether the errors that a hypothesis leaves are as small as chance allows."""
+        b, onset = self.cases[candidate.case]
+        start = self.starts(candidate.case, np.array([candidate.current or np.zeros(3)]))
+        robot = broken(self._before[b], [candidate.grid])
+        errors = self._observed[onset:] - self._before[b].sensor_bias[0]
+        errors = errors - self._predict(robot, candidate.case, start)[0]
+        return leaves_noise(errors, self._counted)
+
+    def pairs(self) -> Candidate:
+        """Return the best of all single faults and pairs."""
+        everything = all_hypotheses()
+        prior = _priors(everything)
+        banks = [broken(robot, everything) for robot in self._before]
+        until = COMPARED_ACTIONS + len(self._states)
+        self._first = np.array(
+            [
+                self._costs(banks[b], case, self._states[onset], until) + prior
+                for case, (b, onset) in enumerate(self.cases)
+            ]
+        )
+        self._each = [(grid, row) for grid in everything for row in range(len(grid.numbers))]
+        order = np.argsort(self._first, axis=None, kind="stable")[:NARROWED_HYPOTHESES]
+        chosen = []
+        for place in order.tolist():
+            case, number = divmod(place, len(prior))
+            grid, row = self._each[number]
+            chosen.append((case, grid.row(row)))
+        return self._narrow(chosen)
+
+    def third(self) -> Candidate:
+        """Return the best of the best pairs with a third fault; after :meth:`pairs`."""
+        until = COMPARED_ACTIONS + len(self._states)
+        ends = []
+        for case in np.argsort(self._first.min(axis=1), kind="stable")[:THIRD_CASES].tolist():
+            b, onset = self.cases[case]
+            pairs: dict[FinFaults, DamageGrid] = {}
+            for number in np.argsort(self._first[case], kind="stable").tolist():
+                grid, row = self._each[number]
+                if len(grid.words) == 2 and grid.words not in pairs:
+                    pairs[grid.words] = grid.row(row)
+                if len(pairs) == THIRD_PAIRS:
+                    break
+            grids = [more for pair in pairs.values() for more in pair.with_another()]
+            robots = broken(self._before[b], grids)
+            costs = self._costs(robots, case, self._states[onset], until) + _priors(grids)
+            ends += [
+                Candidate(float(part.min()), case, grid.row(int(part.argmin())))
+                for part, grid in zip(_parted(costs, grids), grids, strict=True)
+            ]
+        ends.sort(key=cost_of)
+        several: dict[tuple[int, frozenset[tuple[str, str]]], Candidate] = {}
+        for end in ends:  # the same words come in different orders
+            several.setdefault((end.case, frozenset(end.grid.words)), end)
+        ends = list(several.values())
+        for count in THIRD_DESCENTS:
+            ends = sorted(self._descend(ends[:count]), key=cost_of)
+        for end in ends:
+            words = end.grid.words
+            self.best[words] = min(end, self.best.get(words, end), key=cost_of)
+        return ends[0]
+
+    def _descend(self, ends: list[Candidate]) -> list[Candidate]:
+        """Return hypotheses after a Gauss-Newton step of their numbers, each where that helps."""
+        found = []
+        for case in sorted({end.case for end in ends}):
+            b, onset = self.cases[case]
+            start = self._states[onset]
+            grids = [end.grid for end in ends if end.case == case]
+            tried = [grid.beside(NUMBER_DIFFERENCE) for grid in grids]
+            predicted = self._predict(broken(self._before[b], tried), case, start)
+            ahead = []
+            for grid, near, seen in zip(grids, tried, _parted(predicted, tried), strict=True):
+                moved = (near.numbers[1:] - near.numbers[0]).sum(axis=1)
+                step = np.zeros(grid.numbers.shape[1])
+                step[grid.free] = self._gauss_newton(case, seen, moved)
+                ahead.append(grid.along(step, STEP_LENGTHS))
+            costs = self._costs(broken(self._before[b], ahead), case, start) + _priors(ahead)
+            for grid, part in zip(ahead, _parted(costs, ahead), strict=True):
+                best = int(part.argmin())
+                found.append(Candidate(float(part[best]), case, grid.row(best)))
+        return found
+
+    def _gauss_newton(self, case: int, predicted: Floats, moved: Floats) -> Floats:
+        """Return a Gauss-Newton step (k,) of the parameters of a hypothesis.
+
+        ``predicted`` (1 + k, K, 9) is what it predicts, and with each parameter ``moved`` (k,).
+        Channels are weighted by what they leave unexplained, as in :func:`mismatch`.
+        """
+        b, onset = self.cases[case]
+        errors = self._observed[onset:] - self._before[b].sensor_bias[0] - predicted[0]
+        seen = np.isfinite(errors) & np.isfinite(self._counted)
+        errors = np.where(seen, errors, 0.0)
+        squares = np.square(errors).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        scale = np.sqrt(self._counted**2 + LEAST_OBSERVATION_SD**2 + squares)
+        slopes = (predicted[1:] - predicted[0]) / moved[:, None, None]
+        slopes = np.where(seen, slopes / scale, 0.0).reshape(len(moved), errors.size)
+        errors = np.where(seen, errors / scale, 0.0).ravel()
+        step: Floats = np.linalg.lstsq(slopes.T, errors, rcond=1e-6)[0]
+        return step
+
+    def _narrow(self, chosen: list[tuple[int, DamageGrid]]) -> Candidate:
+        """Narrow the numbers of pairs of a case and a damage; return the best."""
+        spacing = FIRST_SPACING
+        for turn in range(NARROWING_ROUNDS):
+            ends = []
+            for case in sorted({case for case, _ in chosen}):
+                b, onset = self.cases[case]
+                tried = [one.around(spacing) for which, one in chosen if which == case]
+                values = self._costs(broken(self._before[b], tried), case, self._states[onset])
+                for part, grid in zip(_parted(values, tried), tried, strict=True):
+                    total = float(part.min()) + grid.prior_cost
+                    ends.append(Candidate(total, case, grid.row(int(part.argmin()))))
+            ends.sort(key=lambda end: end[:2])
+            for end in ends:
+                words = end.grid.words
+                self.best[words] = min(end, self.best.get(words, end), key=cost_of)
+            count = NARROWED_HYPOTHESES if turn < 1 else LATE_HYPOTHESES
+            chosen = [(end.case, end.grid) for end in ends[:count]]
+            spacing /= SPACING_RATIO
+        return ends[0]
+
+    def currents(self) -> Candidate:
+        """Return the best current that begins while the robot remains what it was."""
+        nothing = all_hypotheses()[0]
+        found = Candidate(np.inf, 0, nothing)
+        near = np.concatenate([np.zeros((1, 3)), CURRENT_DIFFERENCE * np.eye(3)])
+        moved = np.full(3, CURRENT_DIFFERENCE)
+        lengths = np.array([0.0, *STEP_LENGTHS])[:, None]
+        for case, (b, _) in enumerate(self.cases):
+            current = np.zeros(3)
+            robots = self._before[b].take(np.zeros(len(lengths), np.intp))
+            for _ in range(CURRENT_DESCENTS):
+                starts = self.starts(case, current + near)
+                predicted = self._predict(robots.take(range(len(near))), case, starts)
+                tried = current + lengths * self._gauss_newton(case, predicted, moved)
+                costs = self._costs(robots, case, self.starts(case, tried)) + CURRENT_COST
+                best = tried[int(costs.argmin())]
+                done = np.abs(best - current).max() < CURRENT_PRECISION
+                current = best
+                if done:
+                    break
+            x, y, z = current.tolist()
+            found = min(found, Candidate(float(costs.min()), case, nothing, (x, y, z)), key=cost_of)
+        self.best[()] = min(found, self.best.get((), found), key=cost_of)
+        return found
+
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Return the best damages of different words, with their weights."""
+        ends = sorted(self.best.values(), key=cost_of)
+        likelihoods = np.exp([ends[0].cost - end.cost for end in ends])
+        weights = (likelihoods / likelihoods.sum()).tolist()
+        found = []
+        for end, weight in zip(ends, weights, strict=True):
+            damage = end.grid.damage()
+            before = self._before[self.cases[end.case][0]]
+            found.append(Alternative(damage, weight, damage.edit(before)))
+        return tuple(found)
+
+
+def _parted(rows: Floats, grids: Sequence[DamageGrid]) -> list[Floats]:
+    """Return the rows of each grid, of those (N, ...) of all side by side."""
+    return np.split(rows, np.cumsum([len(grid.numbers) for grid in grids])[:-1])
+
+
+def _priors(grids: Sequence[DamageGrid]) -> Floats:
+    """Return minus the log priors of all damages of grids."""
+    sizes = [len(grid.numbers) for grid in grids]
+    return np.repeat([grid.prior_cost for grid in grids], sizes)
+
+
+def leaves_noise(errors: Floats, noise: Floats) -> bool:
+    """Return whether errors (K, 9) are as small as chance allows.
+
+    ``noise`` (9,) is their rms by chance. Those that are NaN, or of infinite noise, do not count.
+    """
+    seen = np.isfinite(errors) & np.isfinite(noise)
+    count = float(seen.sum())
+    relative = np.where(seen, errors / np.hypot(noise, LEAST_OBSERVATION_SD), 0.0)
+    squares = float(np.square(relative).sum())
+    return squares <= count + NOISE_EXCESS * math.sqrt(count)
+
+
+def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
+    """Return minus the log likelihoods (N,) of predictions (N, K, 9).
+
+    Each channel's own error is profiled out. Channels of infinite ``noise`` (9,) do not count, and
+    neither do observations that are NaN.
+    """
+    seen = np.isfinite(observed)
+    used = np.isfinite(noise) & seen.any(axis=0)
+    seen, count = seen[:, used], seen[:, used].sum(axis=0)
+    variance = np.square(noise[used]) + LEAST_OBSERVATION_SD**2
+    errors = predicted[:, :, used] - observed[:, used]
+    errors[:, ~seen] = 0.0
+    squares = np.square(errors).sum(axis=1)
+    found = 0.5 * count * np.log(variance + squares / count)
+    around = squares - count * np.square(errors.sum(axis=1) / count)
+    biased = 0.5 * count * np.log(variance + around / count)
+    biased += np.where(count >= FEWEST_OBSERVATIONS, BIAS_COST + 0.5 * np.log(count), np.inf)
+    found = np.minimum(found, biased)
+    total: Floats = found.sum(axis=1)
+    return np.where(np.isfinite(total), total, np.inf)

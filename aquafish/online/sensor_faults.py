@@ -1,0 +1,86 @@
+"""Which sensors are broken, from the errors that the best hypothesis about the fins leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aquafish_gym.damage.sensors import GYRO_CHANNELS
+from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.array_types import Flags, Floats
+
+BIAS_COST = 4.0  # minus its log prior
+BIAS_DEVIATION = 0.3  # errors that deviate less from their mean, relative to it, are a bias
+NOISE_CORRELATION = 0.4  # errors that correlate less with the one before are noise
+TOLERATED_NOISE = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
+# By chance the sum of N squared errors, in standard deviations, is N +- 1.4 sqrt(N).
+NOISE_EXCESS = 5.0
+FEWEST_OBSERVATIONS = 3  # that show a bias or a stuck channel
+FEWEST_BIAS_OBSERVATIONS = 8  # that show a bias below the tolerance
+FEWEST_NOISE_OBSERVATIONS = 8  # that show noise
+SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
+
+
+def repeated_channels(observed: Floats) -> tuple[Flags, Flags]:
+    """Return which channels (9,) of observations (K, 9) are silent, and which read 0 at last.
+
+    No whole channel repeats itself.
+    """
+    silent, zero = np.zeros((2, observed.shape[1]), np.bool_)
+    for i, column in enumerate(observed.T):
+        last = column[np.isfinite(column)][-FEWEST_OBSERVATIONS:]
+        if len(last):
+            zero[i] = last[-1] == 0.0
+            silent[i] = (last == last[-1]).all() if len(last) == FEWEST_OBSERVATIONS else zero[i]
+    return silent, zero
+
+
+def with_sensors(
+    robot: Scenario, errors: Floats, silent: Flags, zero: Flags, expected: Floats, tolerance: Floats
+) -> tuple[Scenario, tuple[str, ...], int]:
+    """Return a robot with the sensors that errors (K, 9) show, in words, and how many are odd.
+
+    Errors of what was not observed are NaN. ``expected`` (9,) is the rms error of whole channels.
+    An odd channel observes something else than its robot should, for no reason known here. It is
+    not used, as if it were stuck.
+    """
+    seen, noise = np.isfinite(errors), robot.gyro_noise
+    errors, count = np.where(seen, errors, 0.0), np.maximum(seen.sum(axis=0), 1)
+    mean = errors.sum(axis=0) / count
+    deviation = np.sqrt((np.square(errors - mean) * seen).sum(axis=0) / count)
+    off = ~silent & (np.sqrt(np.square(errors).sum(axis=0) / count) > tolerance)
+    steady = deviation < BIAS_DEVIATION * np.abs(mean)
+    biased = off & steady & (count >= FEWEST_OBSERVATIONS)
+    odd = off & ~biased
+    # Below the tolerance, many observations show a bias that the filter would fight with for ever.
+    around = np.where(np.isfinite(expected), expected, 1.0) ** 2 + deviation**2
+    gain = 0.5 * count * np.log1p(mean**2 / around)
+    plain = steady & (gain > BIAS_COST + 0.5 * np.log(count)) & np.isfinite(expected)
+    biased |= plain & ~silent & (count >= FEWEST_BIAS_OBSERVATIONS)
+    words = list[str]()
+    # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
+    heard = (
+        ~(silent | biased)[GYRO_CHANNELS]
+        & np.isfinite(expected[GYRO_CHANNELS])
+        & seen[:, GYRO_CHANNELS].any(axis=0)
+    )
+    gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
+    if gyro.shape[1] >= 2 and size >= FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
+        power = np.square(gyro).sum()
+        usual = np.hypot(expected, TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
+        louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
+        if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
+            noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
+            words = [f"gyro:noise={noise[0]:.3g}"]
+    kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
+    for name, flags in kinds.items():
+        for i in np.flatnonzero(flags):
+            words.append(f"{CHANNELS[i]}:{name}" + (f"={mean[i]:.3g}" if name == "bias" else ""))
+    sensors = {
+        "gyro_noise": noise,
+        "sensor_bias": robot.sensor_bias + np.where(biased, mean, 0.0),
+        "sensor_dropped": robot.sensor_dropped | kinds["dropped"],
+        "sensor_stuck": robot.sensor_stuck | kinds["stuck"] | odd,
+    }
+    return replace(robot, **sensors), tuple(words), int(odd.sum())
