@@ -10,8 +10,10 @@ own enters as a class with ``begin(fin_angles)`` and ``act(observation)``: add i
 
 DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, blind.md, gain.md,
 pace.png and a file for each episode. The same command resumes. blind.md has each entrant's gain
-over *blind* in the same episodes: what recognising is worth. gain.md has the self-model's gain over
-each entrant, and how often each is successful. ``experiments.league.whole`` plays all tables.
+over *blind* in the same episodes: what recognising is worth; of the return, how often each returns
+where blind does not, and the reverse. gain.md, which the return lacks, has the self-model's gain
+over each entrant, and how often each regains its pace. ``experiments.league.whole`` plays all
+tables.
 """
 
 from __future__ import annotations
@@ -164,10 +166,11 @@ class League:
         }
         write_document(self.out / "league.json", league, SCHEMA)
         save_figure(pace_figure(played, self.entrants, self.tiers), self.out / "pace.png")
+        if self.task == "return":
+            write_bytes(self.out / "blind.md", markdown(self._alone(league)).encode())
+            return self._returns(league)
         write_bytes(self.out / "blind.md", markdown(self._over_blind(league)).encode())
         write_bytes(self.out / "gain.md", markdown(self._gains(league)).encode())
-        if self.task == "return":
-            return self._returns(league)
         tier = self.tiers[0]
         rows = [
             [
@@ -210,6 +213,15 @@ class League:
                     f"{sum(one['cpu'] for one in found) / len(found):.1f}",
                 ]
             )
+        return rows
+
+    def _alone(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+        """Return how often the entrants return where blind does not, and the reverse."""
+        rows = [["entrant", *(f"only it, only blind, {tier}" for tier in self.tiers)]]
+        for entrant, tiers in league.items():
+            over = [tiers[tier]["over"].get(BLIND) for tier in self.tiers]
+            cells = [f"{one['only_own']}, {one['only_other']}" if one else "-" for one in over]
+            rows.append([entrant, *cells])
         return rows
 
     def _over_blind(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:

@@ -60,13 +60,20 @@ def paired(results: Sequence[Result], others: Sequence[Result], damages: int) ->
     """Return an entrant's gain over another one in the same episodes.
 
     ``mean`` is that of its way after the onset less the other's, in units, with its 95% interval
-    from the bootstrap of the pairs. In ``worse`` of ``episodes`` its way is the shorter one.
+    from the bootstrap of the pairs. In ``worse`` of ``episodes`` its way is the shorter one. In a
+    task with success, ``only_own`` and ``only_other`` count the episodes in which one alone
+    succeeds.
     """
     gains = [
         after_onset(mine) - after_onset(other) for mine, other in zip(results, others, strict=True)
     ]
     worse = sum(gain < 0.0 for gain in gains)
-    return {"mean": interval(gains, damages, 0.0), "worse": worse, "episodes": len(gains)}
+    found = {"mean": interval(gains, damages, 0.0), "worse": worse, "episodes": len(gains)}
+    if "success" in results[0]:
+        pairs = [(a["success"], b["success"]) for a, b in zip(results, others, strict=True)]
+        found["only_own"] = pairs.count((True, False))
+        found["only_other"] = pairs.count((False, True))
+    return found
 
 
 def recovered(way: Sequence[float], onset: int, pace: float) -> float:

@@ -182,7 +182,12 @@ def test_the_summary_compares_with_the_oracle_episode_by_episode() -> None:
 
 def test_a_success_has_a_share_and_its_interval() -> None:
     results = [result([1.0], success=success) for success in (True, True, False, True)]
-    assert summary(results, 1, {}, None)["success_rate"] == success_rate(3, 4)
+    blind = [result([1.0], success=success) for success in (False, True, True, False)]
+    found = summary(results, 1, {"blind": blind}, None)
+    assert found["success_rate"] == success_rate(3, 4)
+    assert (found["over"]["blind"]["only_own"], found["over"]["blind"]["only_other"]) == (2, 1)
+    rows = League(tiers=("mild",), task="return")._alone({"self-model": {"mild": found}})
+    assert rows[1] == ["self-model", "2, 1"]
 
 
 def test_sets_of_seeds_do_not_meet() -> None:
@@ -237,6 +242,21 @@ def test_every_entrant_plays_every_water_in_the_same_episodes() -> None:
     assert {frozenset(one) for one in played.values()} == {
         frozenset((entrant, number) for entrant in ENTRANTS for number in range(20))
     }
+
+
+@jobs_in_process()
+def test_the_whole_league_says_what_is_left_and_plays_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = WholeLeague(
+        tmp_path, tables=("none", "vortices"), entrants=("still",), seeds="development", episodes=1
+    )
+    command.execute()
+    assert "2 tables: 5 of 5 episodes to play: about 0 CPU minutes" in capsys.readouterr().err
+    assert (tmp_path / "none" / "table.md").exists()
+    assert (tmp_path / "vortices" / "runs" / "still" / "severe" / "60000.json").exists()
+    command.execute()
+    assert "2 tables: 0 of 5 episodes to play" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("water", ["vortices", "dense"])
