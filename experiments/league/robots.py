@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,6 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from experiments.league.policy import DT, INTERVAL, begin_inputs, drive
 from gait.learning.sb3_env import SB3VecEnv
-
-VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 Numbers = NDArray[np.float32]
 
@@ -54,7 +51,6 @@ class Conditions:
     seconds: float = 30.0  #: Length of an episode.
     noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
     any_water: bool = False  #: Whether each episode has a water of its own.
-    reactive: bool = False  #: Whether the water has added mass.
     unknown_share: float = 0.0  #: Of the episodes, in which the initial fin angles are not known.
 
 
@@ -127,7 +123,6 @@ class TrainingRobots(SB3VecEnv):
             task=SwimForward(seconds=conditions.seconds),
             threads=1,
             autoreset_mode=AutoresetMode.DISABLED,
-            reactive=conditions.reactive,
         )
         if isinstance(envs, OtherWater):
             envs.rng = np.random.default_rng([seed, 2])
@@ -235,77 +230,3 @@ class TrainingRobots(SB3VecEnv):
                 for name in ("TimeLimit.truncated", "terminal_observation")
             }
         return infos
-
-
-class BothWaters(VecEnv):  # type: ignore[misc]
-    """Robots the second half of which swims in water with added mass.
-
-    A batch of robots has one kind of water, so these are two batches. The parameters are those of
-    :class:`TrainingRobots`.
-    """
-
-    def __init__(self, count: int, conditions: Conditions, seed: int) -> None:
-        half = count // 2
-        self._parts = [
-            TrainingRobots(half, conditions, seed),
-            TrainingRobots(count - half, replace(conditions, reactive=True), seed + half),
-        ]
-        self._half = half
-        first = self._parts[0]
-        super().__init__(count, first.observation_space, first.action_space)
-
-    @property
-    def begun(self) -> Flags:
-        """(B,) whose episode begins with the last observation."""
-        return np.concatenate([part.begun for part in self._parts])
-
-    def reset(self) -> Numbers:
-        """Begin an episode of every robot, one group after another; return what all observe."""
-        return np.concatenate([part.reset() for part in self._parts])
-
-    def step_async(self, actions: Numbers) -> None:
-        """Take actions (B, 3), which the servos obey within [-1, 1]."""
-        for part, some in zip(self._parts, np.split(actions, [self._half]), strict=True):
-            part.step_async(some)
-
-    def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
-        """Return observations, rewards, whether episodes ended, and information."""
-        *tables, infos = zip(*(part.step_wait() for part in self._parts), strict=True)
-        observations, rewards, done = map(np.concatenate, tables)
-        return observations, rewards, done, [one for some in infos for one in some]
-
-    def sensed(self) -> Numbers:
-        """Return what robots sense (B, 23), as of :class:`TrainingRobots`."""
-        return np.concatenate([part.sensed() for part in self._parts])
-
-    def truth(self) -> tuple[Numbers, Numbers]:
-        """Return the truth (B, 23) and what broke (B, 12), as of :class:`TrainingRobots`."""
-        whole, broken = zip(*(part.truth() for part in self._parts), strict=True)
-        return np.concatenate(whole), np.concatenate(broken)
-
-    def close(self) -> None:
-        """Free what the batches hold."""
-        for part in self._parts:
-            part.close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of robots, which the first one has."""
-        return self._parts[0].get_attr(attr_name)[:1] * len(list(self._get_indices(indices)))
-
-    def set_attr(self, attr_name: str, *_args: Any, **_kwargs: Any) -> None:
-        """Set no attribute: the robots share two environments."""
-        raise AttributeError(f"{attr_name} cannot be set")
-
-    def env_method(self, method_name: str, *_args: Any, **_kwargs: Any) -> list[Any]:
-        """Call no method: the robots share two environments."""
-        raise AttributeError(f"{method_name} cannot be called")
-
-    def env_is_wrapped(self, _wrapper: Any, indices: Any = None) -> list[bool]:
-        """Return that no robot's environment is wrapped."""
-        return [False] * len(list(self._get_indices(indices)))
-
-
-def make_robots(count: int, conditions: Conditions, seed: int) -> TrainingRobots | BothWaters:
-    """Return robots to learn with: half of those in any water have added mass."""
-    kind = BothWaters if conditions.any_water else TrainingRobots
-    return kind(count, conditions, seed)

@@ -22,7 +22,6 @@ from experiments.league.robots import (
     Conditions,
     Numbers,
     TrainingRobots,
-    make_robots,
 )
 from experiments.league.teachers import TEST_ROBOTS, TEST_SEED, actor, nn, torch
 
@@ -118,7 +117,7 @@ def learn_round(
     """Return what is learned after a round, from that before; None is nothing yet."""
     torch.set_num_threads(1)
     seed = 1000 * (plan.seed + 1) + 500 + number
-    robots = make_robots(ROBOTS, plan.conditions, seed)
+    robots = TrainingRobots(ROBOTS, plan.conditions, seed)
     random = torch.Generator().manual_seed(seed)
     acting = actor(teacher)
     with torch.random.fork_rng():

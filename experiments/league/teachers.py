@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.league.robots import Conditions, Numbers, TrainingRobots, make_robots
+from experiments.league.robots import Conditions, Numbers, TrainingRobots
 from gait.learning.train import isolated_rng
 
 torch: Any = import_module("torch")
@@ -77,7 +77,7 @@ class ActorCritic(policies.ActorCriticPolicy):  # type: ignore[misc]
 class Plan:
     """How a teacher is trained.
 
-    For ``any_water`` each episode has another water, that of every second robot with added mass.
+    For ``any_water`` each episode has another water.
     """
 
     any_water: bool = False
@@ -101,7 +101,7 @@ def learn_round(
     """Return what is learned after a round, from that before; None is nothing yet."""
     torch.set_num_threads(1)
     seed = 1000 * (plan.seed + 1) + number
-    robots = make_robots(ROBOTS, plan.conditions, seed)
+    robots = TrainingRobots(ROBOTS, plan.conditions, seed)
 
     def rate(left: float) -> float:
         done = (number + 1.0 - left) / plan.rounds

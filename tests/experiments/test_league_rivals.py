@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from experiments.league.entrants import ENTRANTS, MADE, Entry
 from experiments.league.episodes import Episode, play
 from experiments.league.policies import Policies
 from experiments.league.policy import CELLS, SENSES, TWINS, Offline, Student, StudentAgent
-from experiments.league.robots import BothWaters, Conditions, TrainingRobots
+from experiments.league.robots import Conditions, TrainingRobots
 from experiments.league.trials import DirectSearch, TrialAgent, TrialAndError, load_archive, predict
 from gait import Controller
 
@@ -235,25 +234,6 @@ def test_robots_that_learn_begin_one_group_after_another() -> None:
     (one, reward, *_), (other, less, *_) = twins[0].step(ones), twins[1].step(3.0 * ones)
     assert (one == other).all()
     assert reward - less == pytest.approx(0.02 * 3 * 1.5**2, abs=1e-6)
-
-
-def test_half_of_the_robots_swim_in_water_with_added_mass() -> None:
-    conditions = Conditions(any_water=True, noise=0.01)
-    both = BothWaters(6, conditions, 3)
-    alone = [
-        TrainingRobots(3, conditions, 3),
-        TrainingRobots(3, replace(conditions, reactive=True), 6),
-    ]
-    assert (both.reset() == np.concatenate([part.reset() for part in alone])).all()
-    actions = np.linspace(-2.0, 2.0, 18, dtype=np.float32).reshape(6, 3)
-    observed, rewards, *_ = both.step(actions)
-    each = [part.step(some) for part, some in zip(alone, (actions[:3], actions[3:]), strict=True)]
-    assert (observed == np.concatenate([one[0] for one in each])).all()
-    assert (rewards == np.concatenate([one[1] for one in each])).all()
-    assert (both.sensed() == np.concatenate([part.sensed() for part in alone])).all()
-    assert (both.truth()[1] == np.concatenate([part.truth()[1] for part in alone])).all()
-    assert alone[1].conditions.reactive
-    assert not alone[0].conditions.reactive
 
 
 def test_a_student_without_its_teacher_is_refused(tmp_path: Path) -> None:
