@@ -86,7 +86,7 @@ def recovered(way: Sequence[float], onset: int, pace: float) -> float:
     --------
     >>> waits = [0.0] * 26 + [0.1 * k for k in range(275)]
     >>> recovered(waits, 0, 0.5), recovered(waits, 0, 0.25), recovered(waits, 0, 0.6)
-    (5.0, 2.6, 30.0)
+    (5.2, 2.8, 30.0)
     """
     lead = np.array(way[onset:]) - pace * DT * np.arange(len(way) - onset)
     if len(lead) <= WINDOW:
