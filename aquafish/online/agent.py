@@ -83,7 +83,7 @@ class SelfModelAgent:
     hold
         The environment's ``frame_skip``.
     teachers
-        Two policies that are told what broke, for the water that the self-model knows and for any
+        Two policies that are given what broke, for the water that the self-model knows and for any
         other; or none. They stand beside the library. None are the packaged ones beside the
         packaged library, and none beside another.
 
@@ -168,7 +168,7 @@ class SelfModelAgent:
 
     @property
     def gait(self) -> Gait:
-        """The controller, or the told gait, that it swims."""
+        """The controller, or the gait of a teacher, that it swims."""
         return self._chooser.gait
 
     def reset(self, info: dict[str, Any]) -> None:

@@ -15,15 +15,15 @@ from aquafish.online.gaits import gait_to_refine, imagine
 from aquafish.online.self_model import SelfModel
 from aquafish.online.swimming import Ahead, Gait, Swimmer, act_in, begin_gait, swim_ahead
 from aquafish.online.teacher import Teacher
-from aquafish.online.thinking import Event, Thought, thinking_actions
-from aquafish.online.told import (
+from aquafish.online.teacher_gait import (
     FIRST_SIGMA,
     LATER_SIGMA,
-    ToldAgent,
-    ToldGait,
-    imagine_told,
-    refine_told,
+    TeacherAgent,
+    TeacherGait,
+    imagine_teacher,
+    refine_teacher,
 )
+from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
@@ -54,7 +54,7 @@ class _Effort(NamedTuple):
     """How long a refinement may search, and what thinking time it is charged."""
 
     generations: int
-    told_generations: int
+    teacher_generations: int
     seconds: float
 
 
@@ -142,12 +142,12 @@ class GaitChooser:
         if soon:
             self._efforts.append(
                 _Effort(
-                    config.quick_generations, config.quick_told_generations, config.quick_seconds
+                    config.quick_generations, config.quick_teacher_generations, config.quick_seconds
                 )
             )
         if self.teachers:
             self._efforts.append(
-                _Effort(config.generations, config.told_generations, config.both_seconds)
+                _Effort(config.generations, config.teacher_generations, config.both_seconds)
             )
         self._refine(model, step)
 
@@ -165,10 +165,10 @@ class GaitChooser:
         began = time.process_time()
         gaits: list[Gait] = [*self._controllers()]
         far = imagine(self._controllers(), model.robot, model.state, seconds)
-        if told := self._told(water):
-            told_far = imagine_told(told, model.robot, model.state, seconds, self._action)
-            gaits += told
-            far = np.concatenate([far, told_far])
+        if taught := self._teacher_gaits(water):
+            taught_far = imagine_teacher(taught, model.robot, model.state, seconds, self._action)
+            gaits += taught
+            far = np.concatenate([far, taught_far])
         going_on = swim_ahead(self._swimming, model, 0, round(seconds / self.dt)).way
         about = f"to go on, which should make {going_on:.1f} units"
         needed = least_gain * max(SLOW_SPEED * seconds, abs(going_on))
@@ -182,22 +182,23 @@ class GaitChooser:
         """Return the controllers that can be chosen: the library's, and those refined since."""
         return [*self.library, *(g for g in self.refined if isinstance(g, Controller))]
 
-    def _told(self, water: Water) -> list[ToldGait]:
-        """Return the told gaits that can be chosen: the teacher, and those refined since."""
+    def _teacher_gaits(self, water: Water) -> list[TeacherGait]:
+        """Return the teacher's gaits that can be chosen: as trained, and those refined since."""
         if not self.teachers or not water.predicted:
             return []
         if water.foreign:
-            return ToldGait.of(self.teachers[-1]).phases()
-        refined = [gait for gait in self.refined if isinstance(gait, ToldGait)]
-        gaits = [ToldGait.of(self.teachers[0]), *refined]
+            return TeacherGait.of(self.teachers[-1]).phases()
+        refined = [gait for gait in self.refined if isinstance(gait, TeacherGait)]
+        gaits = [TeacherGait.of(self.teachers[0]), *refined]
         return [phase for gait in gaits for phase in gait.phases()]
 
     def _name(self, number: int) -> str:
         """Return what a gait is called, by its number among those that can be chosen."""
         if number < len(self.library):
             return f"gait {number}"
-        told = number >= len(self._controllers())
-        return "the told teacher" if told else "a gait refined before"
+        if number < len(self._controllers()):
+            return "a gait refined before"
+        return "the teacher"
 
     def _left(self, step: int) -> float:
         """Return for how long, s, gaits are compared that begin at a step."""
@@ -211,7 +212,7 @@ class GaitChooser:
         began = time.process_time()
         self._thought = None
         config = self.config
-        effort = _Effort(config.generations, config.told_generations, config.refinement_seconds)
+        effort = _Effort(config.generations, config.teacher_generations, config.refinement_seconds)
         both = bool(self._efforts)
         if both:
             effort = self._efforts[0]
@@ -222,13 +223,13 @@ class GaitChooser:
         self._rounds -= 1
         self._efforts = self._efforts[1:]
         ahead = swim_ahead(self._swimming, model, actions, actions + round(left / self.dt))
-        told = isinstance(self.gait, ToldGait)
+        taught = isinstance(self.gait, TeacherGait)
         found: list[tuple[Gait, float]] = [(self.gait, ahead.way)]
-        if both or not told:
+        if both or not taught:
             found += self._refine_controller(model, ahead, left, effort)
-        if told or (both and self.teachers):
+        if taught or (both and self.teachers):
             sigma = FIRST_SIGMA if both else LATER_SIGMA
-            found.append(self._refine_told(model, ahead, left, effort, actions, sigma))
+            found.append(self._refine_teacher(model, ahead, left, effort, actions, sigma))
         found.sort(key=lambda one: -one[1])
         about = f"from {ahead.way:.1f} to {found[0][1]:.1f} units"
         event = Event(step * self.dt, "refined", about, time.process_time() - began)
@@ -259,7 +260,7 @@ class GaitChooser:
         )
         return [(evolved.controller, evolved.fitness)]
 
-    def _refine_told(
+    def _refine_teacher(
         self,
         model: SelfModel,
         ahead: Ahead,
@@ -268,21 +269,21 @@ class GaitChooser:
         actions: int,
         sigma: float,
     ) -> tuple[Gait, float]:
-        """Return the told gait that is swum, or else the best one, refined, and its way."""
+        """Return the teacher's gait that is swum, or else its best one, refined, and its way."""
         swum = self._swimming
-        if isinstance(swum, ToldAgent):
+        if isinstance(swum, TeacherAgent):
             first = swum.after(actions)
         else:
-            gaits = self._told(Water())
-            far = imagine_told(gaits, model.robot, ahead.state, seconds, ahead.action)
+            gaits = self._teacher_gaits(Water())
+            far = imagine_teacher(gaits, model.robot, ahead.state, seconds, ahead.action)
             first = gaits[int(far.argmax())]
-        return refine_told(
+        return refine_teacher(
             first,
             model.robot,
             ahead.state,
             seconds,
             ahead.action,
-            effort.told_generations,
+            effort.teacher_generations,
             np.random.default_rng(int(self._rng.integers(2**32))),
             sigma,
         )

@@ -25,16 +25,16 @@ class AgentConfig:
     inferences: tuple[int, ...] = (1, 2, 3, 5, 8, 12, 18)
     refinements: int = 4  #: Of a gait, one after the other; 0 only chooses among known ones.
     generations: int = 125  #: Of a refinement of a small gait.
-    told_generations: int = 14  #: Of a refinement of the told teacher.
+    teacher_generations: int = 14  #: Of a refinement of the teacher.
     #: The same of the first refinement after a fault, which must be there soon.
     quick_generations: int = 42
-    quick_told_generations: int = 6
+    quick_teacher_generations: int = 6
     #: Thinking time, s, after which an inference and a refinement can be used, with the next action
     #: at the earliest; the robot swims on. An inference takes that for each three starts of the
     #: simulation: 0.2 s for a first fault, 0.4 s where what broke may have ended.
     inference_seconds: float = 0.2
     refinement_seconds: float = 1.2
-    both_seconds: float = 1.4  #: Of a refinement of a small gait and of the told teacher.
+    both_seconds: float = 1.4  #: Of a refinement of a small gait and of the teacher.
     quick_seconds: float = 0.4  #: Of the first refinement after a fault.
     seed: int = 0  #: Of the refinement.
 

@@ -55,7 +55,7 @@ def gait_to_refine(
 ) -> Controller | None:
     """Return the gait that is swum; if it is too large to refine, the best small one, if any.
 
-    The others are compared as by :func:`imagine`. ``swum`` is None for a told gait.
+    The others are compared as by :func:`imagine`. ``swum`` is None for a teacher's.
     """
     if swum is not None and swum.nodes <= MAXIMUM_REFINED_NODES:
         return swum

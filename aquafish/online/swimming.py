@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.online.self_model import SelfModel, imu_readings
-from aquafish.online.told import ToldAgent, ToldGait
+from aquafish.online.teacher_gait import TeacherAgent, TeacherGait
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
@@ -17,8 +17,8 @@ from aquafish_gym.utils.array_types import Floats
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 
-Gait = Controller | ToldGait
-Swimmer = ControllerAgent | ToldAgent
+Gait = Controller | TeacherGait
+Swimmer = ControllerAgent | TeacherAgent
 
 
 class Ahead(NamedTuple):
@@ -32,10 +32,10 @@ class Ahead(NamedTuple):
 def begin_gait(gait: Gait, robot: Scenario, previous: NDArray[np.floating]) -> Swimmer:
     """Return an agent that swims a gait, beginning now; see :func:`act_in`.
 
-    A told gait is told of ``robot``, and of the ``previous`` action (3,).
+    A teacher's gait is given ``robot`` and the ``previous`` action (3,).
     """
-    if isinstance(gait, ToldGait):
-        return ToldAgent(gait, robot, previous)
+    if isinstance(gait, TeacherGait):
+        return TeacherAgent(gait, robot, previous)
     agent = ControllerAgent(gait)
     agent.reset({"fin_angles": np.zeros(3)})  # act_in sets them
     return agent
@@ -44,10 +44,10 @@ def begin_gait(gait: Gait, robot: Scenario, previous: NDArray[np.floating]) -> S
 def act_in(agent: Swimmer, robot: Scenario, state: Floats) -> NDArray[np.float32]:
     """Return the next action (3,), in [-1, 1], of a robot in a state (25,).
 
-    A controller knows its fin angles, a told gait is told of the robot as it now is.
+    A controller knows its fin angles, a teacher the robot's sizes and servo gains.
     """
-    if isinstance(agent, ToldAgent):
-        agent.tell(robot)
+    if isinstance(agent, TeacherAgent):
+        agent.inform(robot)
         return agent.act(state)
     agent.fin_angles = angles_of_rows(state)[None]
     return agent.act(imu_readings(state[:, None])[0])

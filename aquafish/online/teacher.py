@@ -1,8 +1,8 @@
-"""The told teacher: a policy that is told what broke, evaluated by numpy for P robots at once.
+"""The teacher: a policy that is given what broke, evaluated by numpy for P robots at once.
 
 In reinforcement learning a teacher is a policy with privileged inputs (A. Kumar and others, "RMA:
 Rapid motor adaptation for legged robots", 2021). This one needs no student: the agent infers
-exactly what it must be told.
+exactly the privileged inputs.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from aquafish_gym.utils.validation import (
     file_path,
     finite_array,
     instance,
+    sequence,
 )
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, observe_imu
@@ -53,9 +54,9 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "w2": (3, 64),
     "b2": (3,),
 }
-TOLD = 12  # the last inputs, which are constant in a swim: nine sizes and three servo gains
+PRIVILEGED = 12  # the last inputs, which are constant in a swim: nine sizes and three servo gains
 SENSED = 17  # the first inputs, which are those of the library's first gait
-#: One standard deviation (7,) of the numbers that a told gait adds to its teacher: an offset of
+#: One standard deviation (7,) of the numbers that a teacher's gait adds to it: an offset of
 #: each action, the logarithm of the clock's frequency, a turn (yaw) and a pitch of the perceived
 #: course in rad, and the phase of the clock in rad.
 NUMBER_SCALES: Floats = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 0.5])
@@ -65,7 +66,7 @@ _LARGEST_WEIGHT = float(np.finfo(np.float16).max)
 
 @dataclass(frozen=True, eq=False)
 class Teacher:
-    """A network with the layers 35, 128, 64, 3 and exponential linear units, told what broke.
+    """A network with the layers 35, 128, 64, 3 and exponential linear units, given what broke.
 
     Its inputs are, in this order: the directions up and north in body axes (6); the gyroscope times
     0.5, clipped to [-1, 1] (3); sine and cosine of a clock of 0.7 Hz (2); sine and cosine of the
@@ -105,8 +106,10 @@ class Teacher:
         _check_names("offline", offline, ("steps", "seconds"))
         for name, spent in offline.items():
             finite_array(f"offline[{name!r}]", spent, (), 0.0)
-        curve = finite_array("curve", np.reshape(self.curve, (-1, 2)), (None, 2)).tolist()
-        vars(self).update(weights=weights, offline=offline, curve=tuple(map(tuple, curve)))
+        curve: tuple[Sequence[float], ...] = ()
+        if len(sequence("curve", self.curve)):
+            curve = tuple(map(tuple, finite_array("curve", self.curve, (None, 2)).tolist()))
+        vars(self).update(weights=weights, offline=offline, curve=curve)
 
     @classmethod
     def load(cls, path: Path | str | None = None) -> Self:
@@ -119,7 +122,8 @@ class Teacher:
         """
         if path is None:
             return cls._packaged("teacher.json")
-        return cls._from_document(str(path), read_document(path, TEACHER_SCHEMA, "teacher"))
+        file = file_path("teacher", path)
+        return cls._from_document(str(file), read_document(file, TEACHER_SCHEMA, "teacher"))
 
     @classmethod
     def load_any_water(cls) -> Self:
@@ -189,8 +193,8 @@ def _decoded(name: str, text: object, shape: tuple[int, ...]) -> Singles:
         ) from None
 
 
-class ToldNetwork:
-    """A teacher that acts for P robots, which are told the same and differ in seven numbers each.
+class TeacherNetwork:
+    """A teacher that acts for P robots of the same sizes, which differ in seven numbers each.
 
     Each begins with its clock at 0. The arrays are allocated once: a swim in imagination has
     hundreds of actions.
@@ -236,15 +240,15 @@ class ToldNetwork:
         self._parts = [np.empty((n, count), np.float32) for n in (128, 64)]
         self._last = np.hstack([self._weights["w2"], self._weights["b2"][:, None]])
         self._middle = np.hstack([self._weights["w1"], self._weights["b1"][:, None]])
-        self.tell(robot)
+        self.inform(robot)
 
-    def tell(self, robot: Scenario) -> None:
-        """Tell it the sizes and servo gains of one robot."""
+    def inform(self, robot: Scenario) -> None:
+        """Replace the sizes and servo gains by those of one robot."""
         sizes = robot.body[0] / Morphology.nominal().to_array() - 1.0
-        told = np.concatenate([sizes, robot.servo_gain[0] - 1.0]).astype(np.float32)
+        broken = np.concatenate([sizes, robot.servo_gain[0] - 1.0]).astype(np.float32)
         w0 = self._weights["w0"]
-        known = self._weights["b0"] + w0[:, -TOLD:] @ told
-        sensed, previous, base = np.split(w0[:, :-TOLD], (SENSED, SENSED + 3), axis=1)
+        known = self._weights["b0"] + w0[:, -PRIVILEGED:] @ broken
+        sensed, previous, base = np.split(w0[:, :-PRIVILEGED], (SENSED, SENSED + 3), axis=1)
         self._first = np.hstack([base, previous, known[:, None], sensed])
 
     def act(self, states: NDArray[np.floating]) -> Singles:

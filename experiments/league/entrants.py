@@ -118,7 +118,7 @@ def _teachers() -> Offline:
 
 
 def _library_and_teachers() -> Offline:
-    """Return what the gaits and the told teachers of the agent took."""
+    """Return what the gaits and the teachers of the agent took."""
     return _sum(_library(), _teachers())
 
 

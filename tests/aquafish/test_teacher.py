@@ -1,4 +1,4 @@
-"""The told teacher: its inputs, its file, and the told gaits that the agent swims."""
+"""The teacher: its inputs, its file, and its gaits that the agent swims."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from aquafish.online.choosing import GaitChooser, Water, predicts
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
-from aquafish.online.teacher import NUMBER_SCALES, SHAPES, Teacher, ToldNetwork
+from aquafish.online.teacher import NUMBER_SCALES, SHAPES, Teacher, TeacherNetwork
+from aquafish.online.teacher_gait import TeacherGait, imagine_teacher, refine_teacher
 from aquafish.online.thinking import Event
-from aquafish.online.told import ToldGait, imagine_told, refine_told
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
 from aquafish_gym.scenario import Scenario
@@ -55,8 +55,11 @@ def written_out(teacher: Teacher, states: Floats, robot: Scenario) -> Floats:
         gait.policy(fins)(imu, 0.0)
         for fins, imu in zip(angles_of_rows(states).T, imu_readings(states), strict=True)
     ]
-    told = [*(robot.body[0] / Morphology.nominal().to_array() - 1.0), *(robot.servo_gain[0] - 1.0)]
-    rows = np.tile([*PREVIOUS, *np.zeros(3), *told], (len(seen), 1))
+    broken = [
+        *(robot.body[0] / Morphology.nominal().to_array() - 1.0),
+        *(robot.servo_gain[0] - 1.0),
+    ]
+    rows = np.tile([*PREVIOUS, *np.zeros(3), *broken], (len(seen), 1))
     rows[:, 3:6] = base
     w = teacher.weights
     hidden = elu(np.hstack([seen, rows]) @ w["w0"].T + w["b0"])
@@ -66,17 +69,17 @@ def written_out(teacher: Teacher, states: Floats, robot: Scenario) -> Floats:
 @pytest.mark.parametrize("robot", [Scenario.create(), BROKEN], ids=["whole", "broken"])
 def test_inputs_have_the_documented_order(robot: Scenario) -> None:
     teacher, states = random_teacher(), random_states(5)
-    network = ToldNetwork(teacher, np.zeros((5, 7)), robot, PREVIOUS)
+    network = TeacherNetwork(teacher, np.zeros((5, 7)), robot, PREVIOUS)
     np.testing.assert_allclose(
         network.act(states).T, written_out(teacher, states, robot), atol=1e-4
     )
 
 
-def test_telling_again_is_beginning_with_it() -> None:
+def test_informing_is_beginning_with_it() -> None:
     states = random_states(3)
-    network = ToldNetwork(random_teacher(), np.zeros((3, 7)), Scenario.create(), PREVIOUS)
-    network.tell(BROKEN)
-    other = ToldNetwork(random_teacher(), np.zeros((3, 7)), BROKEN, PREVIOUS)
+    network = TeacherNetwork(random_teacher(), np.zeros((3, 7)), Scenario.create(), PREVIOUS)
+    network.inform(BROKEN)
+    other = TeacherNetwork(random_teacher(), np.zeros((3, 7)), BROKEN, PREVIOUS)
     np.testing.assert_array_equal(network.act(states), other.act(states))
 
 
@@ -95,8 +98,8 @@ def test_a_turned_course_is_the_world_turned_back(turn: float) -> None:
         half[1] * z + half[0] * w,
         half[1] * w - half[0] * z,
     )
-    aiming = ToldNetwork(random_teacher(), numbers, BROKEN, PREVIOUS).act(still)
-    plain = ToldNetwork(random_teacher(), np.zeros((1, 7)), BROKEN, PREVIOUS).act(turned)
+    aiming = TeacherNetwork(random_teacher(), numbers, BROKEN, PREVIOUS).act(still)
+    plain = TeacherNetwork(random_teacher(), np.zeros((1, 7)), BROKEN, PREVIOUS).act(turned)
     np.testing.assert_allclose(aiming, plain, atol=1e-5)
 
 
@@ -130,38 +133,38 @@ def test_the_packaged_teachers_say_what_they_took(load: object) -> None:
     assert teacher.offline["seconds"] > 0.0
 
 
-def test_a_told_gait_goes_on_as_it_was_imagined() -> None:
+def test_a_teachers_gait_goes_on_as_it_was_imagined() -> None:
     model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
-    gait = ToldGait(random_teacher(), np.array([0.5, -1.0, 0.3, 1.0, -1.0, 0.5, 2.0]))
+    gait = TeacherGait(random_teacher(), np.array([0.5, -1.0, 0.3, 1.0, -1.0, 0.5, 2.0]))
     others = [gait, *gait.phases()]
-    far = imagine_told(others, BROKEN, model.state, 8.0, PREVIOUS)
+    far = imagine_teacher(others, BROKEN, model.state, 8.0, PREVIOUS)
     agent = begin_gait(gait, BROKEN, PREVIOUS)
     ahead = swim_ahead(agent, model, 0, 40)
     assert ahead.way == pytest.approx(far[0], abs=1e-3)
     assert swim_ahead(agent, model, 0, 40).way == ahead.way  # it forgets what it imagined
-    np.testing.assert_array_equal(imagine_told(others, BROKEN, model.state, 8.0, PREVIOUS), far)
+    np.testing.assert_array_equal(imagine_teacher(others, BROKEN, model.state, 8.0, PREVIOUS), far)
     act_in(agent, BROKEN, model.state)
     assert swim_ahead(agent, model, 0, 40).way != ahead.way
 
 
-def test_refining_a_told_gait_is_deterministic_and_no_worse() -> None:
+def test_refining_a_teachers_gait_is_deterministic_and_no_worse() -> None:
     model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
-    first = ToldGait.of(random_teacher())
+    first = TeacherGait.of(random_teacher())
 
-    def refined() -> tuple[ToldGait, float]:
+    def refined() -> tuple[TeacherGait, float]:
         rng = np.random.default_rng(3)
-        return refine_told(first, BROKEN, model.state, 8.0, PREVIOUS, 2, rng)
+        return refine_teacher(first, BROKEN, model.state, 8.0, PREVIOUS, 2, rng)
 
     (one, far), (other, again) = refined(), refined()
     np.testing.assert_array_equal(one.numbers, other.numbers)
-    assert far == again >= imagine_told([first], BROKEN, model.state, 8.0, PREVIOUS)[0]
+    assert far == again >= imagine_teacher([first], BROKEN, model.state, 8.0, PREVIOUS)[0]
 
 
 def test_the_agent_swims_a_teacher_that_swims_farthest(monkeypatch: pytest.MonkeyPatch) -> None:
-    def favour(gaits: list[ToldGait], *_: object) -> Floats:
+    def favour(gaits: list[TeacherGait], *_: object) -> Floats:
         return 1000.0 + np.arange(len(gaits))
 
-    monkeypatch.setattr("aquafish.online.choosing.imagine_told", favour)
+    monkeypatch.setattr("aquafish.online.choosing.imagine_teacher", favour)
     env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@11", engine="numba")
     observation, info = env.reset(seed=1)
     agent = SelfModelAgent(config=AgentConfig(refinements=0))
@@ -169,8 +172,8 @@ def test_the_agent_swims_a_teacher_that_swims_farthest(monkeypatch: pytest.Monke
     for _ in range(65):
         observation, *_, info = env.step(agent.act(observation))
     env.close()
-    assert isinstance(agent.gait, ToldGait)
-    assert all("the told teacher" in e.about for e in agent.events if e.what == "chose")
+    assert isinstance(agent.gait, TeacherGait)
+    assert all("the teacher" in e.about for e in agent.events if e.what == "chose")
 
 
 def test_it_chooses_again_where_it_gains_a_share_of_the_way(
@@ -184,17 +187,17 @@ def test_it_chooses_again_where_it_gains_a_share_of_the_way(
     far = {"units": 0.0}
     seen = list[object]()
 
-    def imagined(gaits: list[ToldGait], *rest: object) -> Floats:
+    def imagined(gaits: list[TeacherGait], *rest: object) -> Floats:
         seen.extend([gaits[0].teacher, rest[2]])
         return np.full(len(gaits), far["units"])
 
-    monkeypatch.setattr("aquafish.online.choosing.imagine_told", imagined)
+    monkeypatch.setattr("aquafish.online.choosing.imagine_teacher", imagined)
     monkeypatch.setattr("aquafish.online.choosing.imagine", lambda gaits, *_: np.zeros(len(gaits)))
     going_on = swim_ahead(begin_gait(load_library()[0], model.robot, np.zeros(3)), model, 0, 50).way
-    for step, factor, told in ((150, 1.02, False), (151, 2.0, False), (165, 1.1, True)):
+    for step, factor, taught in ((150, 1.02, False), (151, 2.0, False), (165, 1.1, True)):
         far["units"] = factor * going_on
         chooser.choose_again(model, step)
-        assert isinstance(chooser.gait, ToldGait) == told
+        assert isinstance(chooser.gait, TeacherGait) == taught
     assert seen == [teachers[1], 10.0] * 2
     assert [event.what for event in events] == ["chose"] * 2
 
@@ -202,7 +205,7 @@ def test_it_chooses_again_where_it_gains_a_share_of_the_way(
 def test_both_kinds_of_gaits_are_refined_at_first() -> None:
     model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
     config = AgentConfig(
-        generations=1, told_generations=1, quick_generations=1, quick_told_generations=1
+        generations=1, teacher_generations=1, quick_generations=1, quick_teacher_generations=1
     )
     events: list[Event] = []
     teachers = (random_teacher(0), random_teacher(1))
@@ -213,7 +216,7 @@ def test_both_kinds_of_gaits_are_refined_at_first() -> None:
         chooser.use_refined(model, step)
     refined = [event.seconds for event in events if event.what == "refined"]
     assert refined == pytest.approx([40.0, 40.4, 41.8, 43.0])  # quick, both, and twice one
-    assert {type(gait) for gait in chooser.refined} == {Controller, ToldGait}
+    assert {type(gait) for gait in chooser.refined} == {Controller, TeacherGait}
 
 
 def test_a_library_of_ones_own_has_no_teachers() -> None:

@@ -8,6 +8,7 @@ from strange_values import Call, options
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.self_model import SelfModel, predict
+from aquafish.online.teacher import SHAPES, Teacher
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
@@ -26,8 +27,8 @@ BODY = Morphology.nominal()
 ROWS = [
     Call(
         SelfModelAgent,
-        {"library": LIBRARY, "config": AgentConfig(), "robot": ROBOT, "hold": 20},
-        options(library="none", config="none", robot="none"),
+        {"library": LIBRARY, "config": AgentConfig(), "robot": ROBOT, "hold": 20, "teachers": ()},
+        options(library="none", config="none", robot="none", teachers="none, empty list"),
     ),
     Call(AGENT.begin, {"fin_angles": np.zeros(3)}, options(fin_angles="none")),
     Call(AGENT.act, {"observation": np.zeros(9)}),
@@ -36,16 +37,29 @@ ROWS = [
         AgentConfig,
         {
             "seconds": 60.0, "gyro_noise": 0.0, "gyro_only": False, "inferences": (3,),
-            "refinements": 1, "generations": 1, "inference_seconds": 0.4,
-            "refinement_seconds": 1.2, "seed": 0,
+            "refinements": 1, "generations": 1, "teacher_generations": 1, "quick_generations": 1,
+            "quick_teacher_generations": 1, "inference_seconds": 0.4, "refinement_seconds": 1.2,
+            "both_seconds": 1.4, "quick_seconds": 0.4, "seed": 0,
         },
         options(
             seconds="fraction, big", gyro_noise="fraction, big", gyro_only="true",
             inferences="empty list", refinements="big, huge", generations="big, huge",
+            teacher_generations="big, huge", quick_generations="big, huge",
+            quick_teacher_generations="big, huge", both_seconds="fraction, big",
+            quick_seconds="fraction, big",
             inference_seconds="fraction, big", refinement_seconds="fraction, big",
             seed="big, huge",
         ),
     ),
+    Call(
+        Teacher,
+        {
+            "weights": {name: np.zeros(shape) for name, shape in SHAPES.items()},
+            "offline": {"steps": 0, "seconds": 0.0}, "curve": [(1, 0.5)],
+        },
+        options(curve="empty list"),
+    ),
+    Call(Teacher.load, {"path": "teacher.json"}, options(path="none"), {"path": "teacher"}),
     Call(load_library, {"path": "library.json"}, options(path="none"), {"path": "library"}),
     Call(
         imagine,

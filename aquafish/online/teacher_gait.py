@@ -1,4 +1,4 @@
-"""Told gaits: a teacher and seven numbers, imagined, refined and swum on what the agent infers."""
+"""Gaits of a teacher: its network and seven numbers, imagined, refined, and swum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.online.teacher import INTERVAL, NUMBER_SCALES, Teacher, ToldNetwork
+from aquafish.online.teacher import INTERVAL, NUMBER_SCALES, Teacher, TeacherNetwork
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import TAU
@@ -32,7 +32,7 @@ _NORTHING = FIELDS["position"].start + 1
 
 
 @dataclass(frozen=True, eq=False)
-class ToldGait:
+class TeacherGait:
     """A gait: a teacher with seven numbers of its own; see ``NUMBER_SCALES``."""
 
     teacher: Teacher
@@ -43,22 +43,22 @@ class ToldGait:
         """Return the teacher as it was trained."""
         return cls(teacher, np.zeros(len(NUMBER_SCALES)))
 
-    def phases(self) -> list[ToldGait]:
+    def phases(self) -> list[TeacherGait]:
         """Return it in eight phases of its clock."""
         return [
             self.at_phase(float(self.numbers[_PHASE] * NUMBER_SCALES[_PHASE]) + TAU * k / PHASES)
             for k in range(PHASES)
         ]
 
-    def at_phase(self, phase: float) -> ToldGait:
+    def at_phase(self, phase: float) -> TeacherGait:
         """Return it with a clock that begins at a phase, rad."""
         numbers = self.numbers.copy()
         numbers[_PHASE] = phase % TAU / NUMBER_SCALES[_PHASE]
-        return ToldGait(self.teacher, numbers)
+        return TeacherGait(self.teacher, numbers)
 
 
-class ToldAgent:
-    """An agent that swims a told gait, beginning now.
+class TeacherAgent:
+    """An agent that swims a teacher's gait, beginning now.
 
     Parameters
     ----------
@@ -70,46 +70,47 @@ class ToldAgent:
         (3,) the action before its first.
     """
 
-    def __init__(self, gait: ToldGait, robot: Scenario, previous: NDArray[np.floating]) -> None:
+    def __init__(self, gait: TeacherGait, robot: Scenario, previous: NDArray[np.floating]) -> None:
         self.controller = gait
         self._robot = robot
-        self._network = ToldNetwork(gait.teacher, gait.numbers[None], robot, previous)
+        self._network = TeacherNetwork(gait.teacher, gait.numbers[None], robot, previous)
 
-    def after(self, actions: int) -> ToldGait:
+    def after(self, actions: int) -> TeacherGait:
         """Return its gait with the phase that its clock will have after some actions."""
         network = self._network
         return self.controller.at_phase(float(network.phase[0] + actions * network.clock_step[0]))
 
-    def tell(self, robot: Scenario) -> None:
-        """Tell it what broke."""
+    def inform(self, robot: Scenario) -> None:
+        """Replace what broke by that of a robot."""
         if robot is not self._robot:
             self._robot = robot
-            self._network.tell(robot)
+            self._network.inform(robot)
 
     def act(self, state: Floats) -> NDArray[np.float32]:
         """Return the next action (3,), in [-1, 1], in a state (25,)."""
         return self._network.act(state[:, None])[:, 0].copy()
 
-    def copy(self) -> ToldAgent:
+    def copy(self) -> TeacherAgent:
         """Return an agent that goes on from here, without effect on this one."""
-        other = object.__new__(ToldAgent)
+        other = object.__new__(TeacherAgent)
         vars(other).update(vars(self), _network=self._network.copy())
         return other
 
 
-def imagine_told(
-    gaits: Sequence[ToldGait],
+def imagine_teacher(
+    gaits: Sequence[TeacherGait],
     robot: Scenario,
     state: Floats,
     seconds: float,
     previous: NDArray[np.floating],
 ) -> Floats:
-    """Return how far (P,) told gaits of one teacher swim along +y from a state (25,), in units.
+    """Return how far (P,) gaits of one teacher swim along +y from a state (25,), in units.
 
-    ``robot`` is a scenario of one, of which they are told, and ``previous`` (3,) the action before.
+    ``robot`` is a scenario of one, whose sizes they are given, and ``previous`` (3,) the action
+    before.
     """
     numbers = np.array([gait.numbers for gait in gaits])
-    network = ToldNetwork(gaits[0].teacher, numbers, robot, previous)
+    network = TeacherNetwork(gaits[0].teacher, numbers, robot, previous)
     lanes = LaneBatch(robot.take(np.zeros(len(numbers), np.intp)), threads=1)
     lanes.states[:] = state[:, None]
     with np.errstate(over="ignore", invalid="ignore"):  # of robots that diverge
@@ -120,8 +121,8 @@ def imagine_told(
     return penalize_diverged(far, seconds)
 
 
-def refine_told(
-    first: ToldGait,
+def refine_teacher(
+    first: TeacherGait,
     robot: Scenario,
     state: Floats,
     seconds: float,
@@ -129,11 +130,11 @@ def refine_told(
     generations: int,
     rng: np.random.Generator,
     sigma: float = FIRST_SIGMA,
-) -> tuple[ToldGait, float]:
-    """Return the best told gait that CMA-ES finds, and how far it swims, units.
+) -> tuple[TeacherGait, float]:
+    """Return the best gait of a teacher that CMA-ES finds, and how far it swims, units.
 
     ``generations`` are those of a swim of 40 s; a shorter swim has more of them. See
-    :func:`imagine_told` for the others.
+    :func:`imagine_teacher` for the others.
     """
     actions = round(seconds / (INTERVAL * TIMESTEP))
     count = math.ceil(generations * BUDGET_ACTIONS / actions)
@@ -143,10 +144,10 @@ def refine_told(
     farthest = -math.inf
     for generation in range(count):
         vectors = strategy.ask()
-        gaits = [ToldGait(first.teacher, vector) for vector in vectors]
+        gaits = [TeacherGait(first.teacher, vector) for vector in vectors]
         if not generation:
             gaits.append(first)
-        far = imagine_told(gaits, robot, state, seconds, previous)
+        far = imagine_teacher(gaits, robot, state, seconds, previous)
         strategy.tell(vectors, (-far[: len(vectors)]).tolist())
         if far.max() > farthest:
             farthest = float(far.max())
