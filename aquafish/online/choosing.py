@@ -135,7 +135,7 @@ class GaitChooser:
         seconds = self._left(step)
         if seconds < self.dt:
             return
-        self._choose(model, step, seconds, water, least_gain=0.0)
+        self.events.append(self._choose(model, step, seconds, water, least_gain=0.0))
         config = self.config
         self._rounds = 0 if water.foreign else config.refinements
         self._efforts = []
@@ -156,11 +156,14 @@ class GaitChooser:
         seconds = min(AHEAD_SECONDS, self.config.seconds - step * self.dt)
         if step % round(CHOOSE_AGAIN_SECONDS / self.dt) or seconds < SHORTEST_AHEAD_SECONDS:
             return
-        self._choose(model, step, seconds, Water(foreign=True), LEAST_GAIN)
+        swum = self._swimming
+        event = self._choose(model, step, seconds, Water(foreign=True), LEAST_GAIN)
+        if self._swimming is not swum:
+            self.events.append(event)
 
     def _choose(
         self, model: SelfModel, step: int, seconds: float, water: Water, least_gain: float
-    ) -> None:
+    ) -> Event:
         """Swim what is imagined to swim farthest; a change must gain a share of the way."""
         began = time.process_time()
         gaits: list[Gait] = [*self._controllers()]
@@ -176,7 +179,7 @@ class GaitChooser:
         if far[best] > going_on + needed:
             about = f"{self._name(best)}, which should make {far[best]:.1f} units"
             self.swim(gaits[best], model)
-        self.events.append(Event(step * self.dt, "chose", about, time.process_time() - began))
+        return Event(step * self.dt, "chose", about, time.process_time() - began)
 
     def _controllers(self) -> list[Controller]:
         """Return the controllers that can be chosen: the library's, and those refined since."""

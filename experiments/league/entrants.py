@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library, read_library
 from aquafish.online.teacher import Teacher
-from aquafish.online.told import ToldGait
+from aquafish.online.teacher_gait import TeacherGait
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
 from experiments.league.policy import ANY_WATER, SEEDS, FixedGait, Offline, Student, StudentAgent
@@ -95,10 +95,10 @@ class Oracle(SelfModelAgent):
 
 
 class ToldTeacher(Oracle):
-    """The oracle that swims nothing but its told teacher: in foreign water that of any water."""
+    """The oracle that swims nothing but its teacher: in foreign water that of any water."""
 
     def _change_gait(self, soon: bool = False) -> None:  # noqa: ARG002
-        self._chooser.swim(ToldGait.of(self.teachers[-1 if self._foreign else 0]), self.model)
+        self._chooser.swim(TeacherGait.of(self.teachers[-1 if self._foreign else 0]), self.model)
 
 
 def _student(twin: int | str) -> Student:
@@ -113,7 +113,7 @@ def _library(*gaits: int) -> Offline:
 
 
 def _teachers() -> Offline:
-    """Return what the told teachers of the agent took."""
+    """Return what the teachers of the agent took."""
     return _sum(*(_of(one) for one in (Teacher.load(), Teacher.load_any_water())))
 
 

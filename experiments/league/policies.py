@@ -1,4 +1,4 @@
-"""Train the league's learned rivals, RMA, and the agent's told teachers (extra ``rl``).
+"""Train the league's learned rivals, RMA, and the agent's teachers (extra ``rl``).
 
     python -m experiments.league.policies --out out/policies
 
