@@ -185,7 +185,7 @@ def way_of_self_model(fault: Fault, one: dict[str, Any]) -> float:
     damage = f"gyro:noise={GYRO_NOISE}; {damage_text(Damage((fault,)))}@{ONSET_SECONDS}"
     env = gym.make("AquaFishRecovery-v0", damage=damage, engine="numba")
     observation, info = env.reset(seed=one["seed"], options={"fin_angles": one["finAngles"]})
-    agent = SelfModelAgent(config=AgentConfig(gyro_noise=GYRO_NOISE, refinements=0))
+    agent = SelfModelAgent(config=AgentConfig(gyro_noise=GYRO_NOISE, refinements=0), teachers=())
     agent.begin(info["fin_angles"])
     way = [0.0]
     for _ in range(one["actions"]):
