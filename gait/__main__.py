@@ -13,7 +13,7 @@ COMMANDS: Commands = {
     "film": ("gait.film:Film", "film controllers as they swim, side by side"),
     "export": (
         "gait.controllers.export:Export",
-        "write a controller and a model in C, for a board",
+        "write a controller, a policy or a model in C, for a board",
     ),
     "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
 }

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from aquafish_gym.utils.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path
 from gait.controllers.network import OUTPUTS
 
 _FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
-_HEADER = re.compile(rf"[\w,]*{','.join(OUTPUTS)}[\w,]*\n".encode())
+# Of a controller's or a model's vectors, or of a policy's.
+_HEADER = re.compile(rf"[\w,]*({','.join(OUTPUTS)}|observation_0,[\w,]*action_0)[\w,]*\n".encode())
 
 
 def c_files(argument: str, path: Path | str) -> tuple[Path, Path]:
@@ -67,18 +71,37 @@ def filled(
 ) -> str:
     """Return a template of this folder with ``values`` for $NAMES and ``name`` for NAME.
 
-    In the template, a line "//? part" begins what only some files have, and "//." ends it.
+    In the template, a line "//? part" begins what only some files have, and "//." ends it. A line
+    "//+ file" stands for the lines of another file of this folder.
     """
     lines = []
     kept = True
-    text = files("gait.controllers").joinpath(template).read_text(encoding="utf-8")
-    for line in text.splitlines():
+    for line in _lines(template):
         if line.startswith("//"):
             kept = line == "//." or parts[line.removeprefix("//? ")]
         elif kept:
             lines.append(line)
     text = re.sub(r"\$([A-Z_]+)", lambda found: str(values[found[1]]), "\n".join(lines))
     return re.sub(r"\bNAME(?=_|\b)|(?<=-D)NAME", name, text) + "\n"
+
+
+def _lines(template: str) -> Iterator[str]:
+    text = files("gait.controllers").joinpath(template).read_text(encoding="utf-8")
+    for line in text.splitlines():
+        if line.startswith("//+ "):
+            yield from _lines(line.removeprefix("//+ "))
+        else:
+            yield line
+
+
+def c_float(number: float) -> str:
+    """Return the shortest literal of a number in float32."""
+    return str(np.float32(number)) + "f"
+
+
+def c_floats(numbers: ArrayLike) -> str:
+    """Return the literals of numbers in float32, with commas."""
+    return wrapped(map(c_float, np.asarray(numbers).tolist()))
 
 
 def wrapped(items: Iterable[object]) -> str:

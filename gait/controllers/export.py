@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from tyro.conf import Positional, arg
 
 from aquafish_gym.bodies import MorphologiesLike, read_bodies
@@ -24,10 +24,12 @@ from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
 from aquafish_gym.utils.validation import InvalidArgumentError, instance
-from gait.controllers.c_files import CFile, c_files, filled, wrapped
+from gait.controllers.c_files import CFile, c_files, c_float, c_floats, filled, wrapped
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.export_model import model_file
+from gait.controllers.export_policy import policy_file
 from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.sb3_zip import read_policy
 
 VECTOR_COUNT = 1000
 VECTOR_FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
@@ -38,20 +40,26 @@ VECTOR_SERVO_GAIN = (1.0, 0.75, 1.25)
 class Export(Given):
     """Write a controller, or a model to predict with, as one C99 file for a microcontroller.
 
-    A controller (--c) has a state, a function that resets it, and one that takes a step. A model
-    (--model) has the robot's time step, its senses, and a function that predicts what a series of
-    commands leads to. Neither allocates memory, and both need only math.h. Beside each goes a CSV
-    of test vectors, by which the file can check itself.
+    A controller (--c) has a state, a function that resets it, and one that takes a step. --c also
+    takes a policy of stable-baselines3, of any environment; it has a function from an observation
+    to the action. A model (--model) has the robot's time step, its senses, and a function that
+    predicts what a series of commands leads to. None allocates memory, and all need only math.h.
+    Beside each goes a CSV of test vectors, by which the file can check itself.
     """
 
     example: ClassVar[str] = "out/evolve/controller.json --c fish.c --model model.c"
 
     controller: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
-    """A controller.json, as evolve and baseline write it."""
+    """A controller.json, as evolve and baseline write it; or the .zip of a policy, as model.save of
+    stable-baselines3 writes it (needs the extra rl): dense layers of PPO, A2C, SAC or TD3."""
     c: Annotated[Path | None, arg(metavar="FILE.c")] = None
-    """The controller's C file. Its name is the prefix of its functions: fish.c has fish_step."""
+    """The C file of the controller or policy. Its name is the prefix of its functions: fish.c has
+    fish_step."""
     model: Annotated[Path | None, arg(metavar="FILE.c")] = None
     """The model's C file, of the controller's body unless --morphology gives others."""
+    normalize: Annotated[Path | None, arg(metavar="FILE.npz")] = None
+    """VecNormalize's mean, var, epsilon and clip, by which the policy's observations were scaled;
+    see docs/howto/policy.md."""
     morphology: BodiesFile = None
     reactive: bool = False
     """Whether the model's water also resists acceleration; see docs/physics.md."""
@@ -61,15 +69,30 @@ class Export(Given):
         if self.c is None and self.model is None:
             raise InvalidArgumentError("give --c FILE.c, --model FILE.c or both")
         if self.c is not None and self.controller is None:
-            raise InvalidArgumentError("--c needs a controller.json before it; got none")
+            raise InvalidArgumentError(
+                "--c needs a controller.json or a policy's .zip before it; got none"
+            )
+        zipped = self.controller is not None and self.controller.suffix.lower() == ".zip"
+        if not zipped:
+            self.refuse_given(["normalize"], "without the .zip of a policy")
+        elif self.model is not None:
+            raise InvalidArgumentError(
+                f"--model takes the body of a controller.json; a policy has none: {self.controller}"
+            )
         if self.model is None:
             self.refuse_given(["morphology", "reactive"], "without --model")
         elif self.c is not None and self.model.resolve() == self.c.resolve():
             raise InvalidArgumentError(f"--c and --model must be two files; got {self.c} twice")
-        found = None if self.controller is None else Controller.load(self.controller)
         made: list[CFile] = []
-        if found is not None and self.c is not None:
-            made.append(controller_file(found, self.c))
+        found = None
+        if self.controller is not None and not zipped:
+            found = Controller.load(self.controller)
+        if self.controller is not None and self.c is not None:
+            made.append(
+                policy_file(read_policy(self.controller, self.normalize), self.c)
+                if found is None
+                else controller_file(found, self.c)
+            )
         if self.model is not None:
             bodies: MorphologiesLike = Morphology.nominal() if found is None else found.morphology
             if self.morphology is not None:
@@ -127,7 +150,7 @@ def c_source(controller: Controller, name: str) -> str:
         "DESCRIPTION": repr(controller),
         "MILLISECONDS": controller.interval * round(1000 * TIMESTEP),
         "INTERVAL": controller.interval,
-        "PERIOD": _float(controller.interval * TIMESTEP),
+        "PERIOD": c_float(controller.interval * TIMESTEP),
         "INPUTS": len(senses.names),
         "INPUT_NAMES": "\n * ".join(textwrap.wrap(", ".join(senses.names), 97)) or "none",
         "NODES": controller.nodes,
@@ -136,10 +159,10 @@ def c_source(controller: Controller, name: str) -> str:
         "LAYER_END": wrapped(accumulate(layers)),
         "FIRST": wrapped(first),
         "SOURCE": wrapped(sources if len(sources) else [0]),
-        "WEIGHT": _floats(controller.weights[nodes, sources] if len(sources) else [0.0]),
-        "BIAS": _floats(controller.bias),
-        "RESPONSE": _floats(controller.response),
-        "CLOCK": _float(controller.clock),
+        "WEIGHT": c_floats(controller.weights[nodes, sources] if len(sources) else [0.0]),
+        "BIAS": c_floats(controller.bias),
+        "RESPONSE": c_floats(controller.response),
+        "CLOCK": c_float(controller.clock),
         "HARMONICS": senses.clock,
         "ACTIVATION": activation,
         "RESET_PARAMETERS": "".join(f", const float {x}[{sizes[x]}]" for x in start),
@@ -147,13 +170,16 @@ def c_source(controller: Controller, name: str) -> str:
         "STEP_PARAMETERS": "".join(f", const float {x}[{sizes[x]}]" for x in given),
         "STEP_CALL": "".join(f", {x}" for x in given),
         "STEP_TEST": "".join(f", {rows[x]}" for x in given),
-        "UNIT_LIMIT": _float(unit),
-        "GYRO_LIMIT": _float(spin),
-        "GOAL_LIMIT": _float(way),
+        "UNIT_LIMIT": c_float(unit),
+        "GYRO_LIMIT": c_float(spin),
+        "GOAL_LIMIT": c_float(way),
         "RANGES": f"gyroscope {most[6]:.4g} rad/s, goal {most[9]:.4g}",
+        "TYPE": "float",
+        "FORMAT": "%f",
         "COLUMNS": len(_columns(senses)) + len(OUTPUTS),
-        "FIN_ANGLES": _floats(VECTOR_FIN_ANGLES),
-        "SERVO_GAIN": _floats(VECTOR_SERVO_GAIN),
+        "ANSWERS": len(OUTPUTS),
+        "FIN_ANGLES": c_floats(VECTOR_FIN_ANGLES),
+        "SERVO_GAIN": c_floats(VECTOR_SERVO_GAIN),
     }
     parts = {
         "imu": senses.imu,
@@ -162,6 +188,7 @@ def c_source(controller: Controller, name: str) -> str:
         "goal": senses.goal,
         "senses": senses.imu or senses.goal,
         "waves": senses.clock > 0 or senses.fins,
+        "clip": True,
         "tanh": hidden or not clipped,
     }
     return filled("controller.c", name, values, parts)
@@ -200,12 +227,3 @@ def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArra
 
 def _columns(senses: Senses) -> tuple[str, ...]:
     return Senses(imu=senses.imu, clock=0, goal=senses.goal).names
-
-
-def _float(number: float) -> str:
-    """Return the shortest literal of a number in float32; a controller's all fit."""
-    return str(np.float32(number)) + "f"
-
-
-def _floats(numbers: ArrayLike) -> str:
-    return wrapped(map(_float, np.asarray(numbers).tolist()))

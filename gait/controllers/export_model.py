@@ -127,6 +127,10 @@ def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False)
         "CURRENT": wrapped(VECTOR_CURRENT),
         "GOAL": wrapped(VECTOR_GOAL),
         "INTERVAL": VECTOR_INTERVAL,
+        "TYPE": "double",
+        "FORMAT": "%lf",
+        "COLUMNS": len(OUTPUTS) + CHANNELS_WITH_GOAL,
+        "ANSWERS": CHANNELS_WITH_GOAL,
     }
     return filled("model.c", name, values, {})
 

@@ -73,38 +73,18 @@ void NAME_predict(double state[$STATE_NUMBERS], const double robot[$ROBOT_NUMBER
 }
 
 #ifdef NAME_TEST
-#include <stdio.h>
-
-int main(void)
+static void NAME_answer(long steps, const double *row, double *found)
 {
+    static double state[NAME_state_numbers], robot[NAME_robot_numbers];
     const double density[1] = {$DENSITY}, drag[2] = {$DRAG};
     const double fin_angles[3] = {$FIN_ANGLES}, servo_gain[3] = {$SERVO_GAIN};
     const double current[3] = {$CURRENT}, goal[3] = {$GOAL};
-    double state[NAME_state_numbers], robot[NAME_robot_numbers];
-    double row[3 + NAME_channels], seen[NAME_channels], worst = 0.0;
-    long steps = 0, different = 0;
-
-    NAME_robot_rows(NAME_bodies[0], density, drag, robot);
-    NAME_start(fin_angles, state);
-    for (int c = getchar(); c != '\n' && c != EOF;)
-        c = getchar();
-    for (;; steps++) {
-        for (int i = 0; i < 3 + NAME_channels; i++)
-            if (scanf("%lf%*c", &row[i]) != 1) {
-                if (steps == 0 || i > 0 || !feof(stdin)) {
-                    printf("row %ld on standard input is no test vector\n", steps + 1);
-                    return 1;
-                }
-                printf("%ld steps, %ld numbers differ, by at most %g\n",
-                       steps, different, worst);
-                return different != 0;
-            }
-        NAME_predict(state, robot, current, servo_gain, goal, row, 1, $INTERVAL, seen);
-        for (int i = 0; i < NAME_channels; i++) {
-            const double off = fabs(seen[i] - row[3 + i]);
-            different += off != 0.0;
-            worst = off > worst ? off : worst;
-        }
+    if (steps == 0) {
+        NAME_robot_rows(NAME_bodies[0], density, drag, robot);
+        NAME_start(fin_angles, state);
     }
+    NAME_predict(state, robot, current, servo_gain, goal, row, 1, $INTERVAL, found);
 }
+
+//+ self_test.c
 #endif

@@ -30,6 +30,8 @@ NOT_RUN = {
     "aquafish study --figure all": "hours, on the computers above",
     "python -m rl_zoo3.train": "tests/envs/test_trainers.py",
     "python -m tests.trainers": "installs gigabytes; tests/envs/test_trainers_page.py",
+    "aquafish export policy.zip": "needs a policy; tests/gait/test_export_policy.py",
+    "cc -std=c99 -Dpolicy_TEST": "needs a policy; tests/gait/test_export_policy.py",
     "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
 }
 TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"

@@ -113,7 +113,7 @@ def test_the_command_takes_the_controllers_body(
     ("arguments", "sentence"),
     [
         ([], "give --c FILE.c, --model FILE.c or both"),
-        (["--c", "fish.c"], "--c needs a controller.json before it; got none"),
+        (["--c", "fish.c"], "--c needs a controller.json or a policy's .zip before it"),
         (["controller.json", "--c", "a.c", "--model", "a.c"], "must be two files; got a.c twice"),
         (["controller.json", "--c", "a.c", "--reactive"], "--reactive has no effect without"),
         (["controller.json", "--c", "a.c", "--morphology", "b"], "--morphology has no effect"),

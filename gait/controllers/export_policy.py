@@ -1,0 +1,110 @@
+"""A policy of stable-baselines3 as one C99 file for a microcontroller, with test vectors.
+
+``policy.c`` restates ``SB3Policy.act``, and both agree to the bit.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+
+from gait.controllers.c_files import CFile, c_files, c_float, c_floats, filled, wrapped
+from gait.controllers.sb3_policy import CHOSEN, CLIPPED, SQUASHED, Floats, SB3Policy
+
+VECTOR_COUNT = 1000
+VECTOR_SPREAD = 3.0  # standard deviation of the observations, as the network sees them
+
+# An activation in C: the value of a node from z.
+_NODES = {
+    "Tanh": "NAME_tanh(z)",
+    "ReLU": "z < 0.0f ? 0.0f : z",
+    "LeakyReLU": "z < 0.0f ? 0.01f * z : z",
+    "ELU": "NAME_elu(z)",
+    "SiLU": "z * (0.5f + 0.5f * NAME_tanh(0.5f * z))",
+}
+
+
+def policy_file(policy: SB3Policy, path: Path | str) -> CFile:
+    """Return a policy as a C file to write.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file's name is no identifier of C followed by .c, if another file than an exported
+        one is there, or if a layer exceeds float32.
+    """
+    source, table = c_files("c", path)
+    observations = make_observations(policy, VECTOR_COUNT)
+    actions = policy.act(observations)
+    columns = [f"observation_{i}" for i in range(policy.widths[0])]
+    columns += [f"action_{i}" for i in range(actions.shape[1])]
+    rows = [[*seen, *done] for seen, done in zip(observations, actions, strict=True)]
+    return CFile(source, table, policy_source(policy, source.stem), columns, rows)
+
+
+def policy_source(policy: SB3Policy, name: str) -> str:
+    """Return a policy as a C file whose functions' names begin with ``name``."""
+    widths = policy.widths
+    chosen = policy.output == CHOSEN
+    scaled = policy.normalization
+    limited = scaled is not None and bool(np.isfinite(scaled.limit))
+    value = "observation[i]"
+    if scaled is not None:
+        value = "(observation[i] - NAME_mean[i]) / NAME_scale[i]"
+    if scaled is not None and limited:
+        value = f"NAME_clip({value}, {c_float(scaled.limit)})"
+    hidden = len(policy.layers) > 1
+    node = _NODES[policy.activation] if hidden else "z"
+    if hidden:
+        choice = node if "?" not in node else f"({node})"
+        node = f"layer < NAME_layers - 1 ? {choice} : z"
+    numbers = [np.column_stack([layer.biases, layer.weights]).ravel() for layer in policy.layers]
+    answers = 1 if chosen else widths[-1]
+    inner = "".join(f"{width} ({policy.activation}), " for width in widths[1:-1])
+    described = f"Dense layers of {inner}{widths[-1]} ({policy.output})."
+    tanh = policy.output == SQUASHED or (hidden and "tanh" in _NODES[policy.activation] + node)
+    elu = hidden and policy.activation == "ELU"
+    values = {
+        "KIND": policy.kind,
+        "DESCRIPTION": "\n * ".join(textwrap.wrap(described, 97)),
+        "INPUTS": widths[0],
+        "ACTIONS": widths[-1],
+        "LAYERS": len(policy.layers),
+        "WIDEST": max(widths),
+        "WIDTHS": wrapped(widths),
+        "NUMBERS": c_floats(np.concatenate(numbers)),
+        "SCALED": "" if scaled is None else ", before VecNormalize",
+        "MEAN": "" if scaled is None else c_floats(scaled.mean),
+        "SCALE": "" if scaled is None else c_floats(scaled.scale),
+        "WITHIN": f", within {scaled.limit:g} of 0" if scaled is not None and limited else "",
+        "LOW": c_floats(policy.low),
+        "HIGH": c_floats(policy.high),
+        "FIRST_CHOICE": policy.first,
+        "INPUT": value,
+        "NODE": node,
+        "TYPE": "float",
+        "FORMAT": "%f",
+        "COLUMNS": widths[0] + answers,
+        "ANSWERS": answers,
+    }
+    parts = {
+        "bounds": not chosen,
+        "choice": chosen,
+        "clipped": policy.output == CLIPPED,
+        "squashed": policy.output == SQUASHED,
+        "normalized": scaled is not None,
+        "clip": tanh or elu or limited,
+        "tanh": tanh or elu,
+        "elu": elu,
+    }
+    return filled("policy.c", name, values, parts)
+
+
+def make_observations(policy: SB3Policy, count: int, seed: int = 0) -> Floats:
+    """Return random observations (count, n); where they are scaled, of the scale's spread."""
+    seen = np.random.default_rng(seed).standard_normal((count, policy.widths[0])) * VECTOR_SPREAD
+    if policy.normalization is not None:
+        seen = policy.normalization.mean + policy.normalization.scale * seen
+    return seen.astype(np.float32)

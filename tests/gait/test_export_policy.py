@@ -1,0 +1,371 @@
+"""Policies of stable-baselines3 in C: the same bits as stated, and near those of PyTorch."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import pickle
+import shlex
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import aquafish_gym  # noqa: F401  # registers the environments
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.__main__ import main
+from gait.controllers import export_policy
+from gait.controllers.export_policy import policy_file
+from gait.controllers.sb3_zip import read_policy
+from test_export import CC, STRICT, build, needs_cc
+
+sb3 = pytest.importorskip("stable_baselines3")
+torch = pytest.importorskip("torch")
+vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
+
+CONTINUOUS = ("PPO", "A2C", "SAC", "TD3")
+DISCRETE = ("PPO", "A2C")
+ENVIRONMENTS = {
+    "Pendulum-v1": CONTINUOUS,
+    "MountainCarContinuous-v0": CONTINUOUS,
+    "AquaFish-v0": CONTINUOUS,
+    "CartPole-v1": DISCRETE,
+    "Acrobot-v1": DISCRETE,
+}
+SANITIZERS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+ACTIVATIONS = ("Tanh", "ReLU", "LeakyReLU", "ELU", "SiLU")
+
+
+def make_model(algorithm: str, env: Any, seed: int, **keywords: Any) -> Any:
+    """Return a policy with random weights, whose outputs have the size of 1."""
+    sizes: dict[str, Any] = {"n_steps": 4}
+    if algorithm == "PPO":
+        sizes["batch_size"] = 4
+    if algorithm in ("SAC", "TD3"):
+        sizes = {"buffer_size": 1}
+    model = getattr(sb3, algorithm)(
+        "MlpPolicy", env, device="cpu", seed=seed, policy_kwargs=keywords, **sizes
+    )
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for parameter in model.policy.parameters():
+            size = 1.5 / parameter.shape[1] ** 0.5 if parameter.ndim == 2 else 0.3
+            parameter.copy_(size * torch.randn(parameter.shape, generator=generator))
+    return model
+
+
+def save_normalization(path: Path, normal: Any) -> None:
+    """Write what the page says."""
+    np.savez(
+        path,
+        mean=normal.obs_rms.mean,
+        var=normal.obs_rms.var,
+        epsilon=normal.epsilon,
+        clip=normal.clip_obs,
+    )
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of a small policy."""
+    path = tmp_path_factory.mktemp("policy") / "policy.zip"
+    make_model("PPO", "Pendulum-v1", 0, net_arch=[4]).save(path)
+    return path
+
+
+def build_all(sources: list[Path]) -> list[str]:
+    """Compile exported files as one program, for speed; return what each one's self-test prints."""
+    lines = []
+    for source in sources:
+        name = source.stem
+        lines += [f"#define {name}_TEST", f"#define main {name}_main", f'#include "{name}.c"']
+        lines += ["#undef main"]
+    names = ", ".join(f"{source.stem}_main" for source in sources)
+    lines += [
+        f"static int (*const tests[])(void) = {{{names}}};",
+        "int main(int count, char **words)",
+        "{",
+        "    return tests[words[count - 1][0] - '0']();",
+        "}",
+    ]
+    whole = sources[0].with_name("all.c")
+    whole.write_text("\n".join(lines) + "\n")
+    program = whole.with_suffix("")
+    command = [str(CC), *STRICT, *SANITIZERS, str(whole), "-lm", "-o", str(program)]
+    subprocess.run(command, check=True)
+    printed = []
+    for i, source in enumerate(sources):
+        with source.with_suffix(".csv").open() as vectors:
+            ran = subprocess.run([program, str(i)], stdin=vectors, capture_output=True, text=True)
+        printed.append(ran.stdout + ran.stderr)
+    return printed
+
+
+@needs_cc
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_ten_random_policies_are_equal_to_the_bit(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export_policy, "VECTOR_COUNT", 200)
+    env = vec_env.DummyVecEnv([lambda: gym.make(name)])
+    rng = np.random.default_rng(5)
+    different = []
+    sources = []
+    for i in range(10):
+        algorithm = ENVIRONMENTS[name][i % len(ENVIRONMENTS[name])]
+        keywords: dict[str, Any] = {"net_arch": rng.integers(4, 20, rng.integers(0, 4)).tolist()}
+        if i >= 4:  # before, the algorithm's own
+            keywords["activation_fn"] = getattr(torch.nn, ACTIVATIONS[i % len(ACTIVATIONS)])
+        model = make_model(algorithm, env, i, **keywords)
+        file = tmp_path / "policy.zip"
+        model.save(file)
+        normal = None
+        numbers = None
+        if i % 2:
+            normal = vec_env.VecNormalize(env, clip_obs=float("inf") if i == 1 else 2.0)
+            normal.obs_rms.mean = rng.normal(0.0, 3.0, env.observation_space.shape)
+            normal.obs_rms.var = rng.uniform(0.1, 9.0, env.observation_space.shape)
+            numbers = tmp_path / "normalize.npz"
+            save_normalization(numbers, normal)
+        policy = read_policy(file, numbers)
+        source, table = policy_file(policy, tmp_path / f"policy{i}.c").write()
+        sources.append(source)
+        rows = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.float32)
+        seen, actions = np.split(rows, [policy.widths[0]], axis=1)
+        different.append(len(np.unique(actions)))
+        given = seen if normal is None else normal.normalize_obs(seen).astype(np.float32)
+        expected, _ = model.predict(given, deterministic=True)
+        if ENVIRONMENTS[name] == DISCRETE:
+            # Where two outputs are nearly equal, another order of sums may choose the other.
+            assert np.mean(actions[:, 0] == expected) > 0.98
+        else:
+            np.testing.assert_allclose(actions, expected, rtol=1e-5, atol=2e-5)
+    assert np.median(different) >= (2 if ENVIRONMENTS[name] == DISCRETE else 100)
+    assert build_all(sources) == 10 * ["200 steps, 0 numbers differ, by at most 0\n"]
+
+
+@needs_cc
+def test_the_self_test_sees_a_wrong_number(pendulum: Path, tmp_path: Path) -> None:
+    source, table = policy_file(read_policy(pendulum), tmp_path / "policy.c").write()
+    lines = table.read_text().splitlines()
+    assert lines[0] == "observation_0,observation_1,observation_2,action_0"
+    numbers = lines[500].split(",")
+    numbers[-1] = str(np.nextafter(np.float32(numbers[-1]), np.float32(5)))
+    lines[500] = ",".join(numbers)
+    table.write_text("\n".join(lines) + "\n")
+    ran = build(source)
+    assert ran.returncode == 1
+    assert ran.stdout.startswith("1000 steps, 1 numbers differ, by at most ")
+
+
+def test_the_command_writes_a_policy_and_writes_it_again(
+    pendulum: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers, source = tmp_path / "normalize.npz", tmp_path / "policy.c"
+    np.savez(numbers, mean=np.zeros(3), var=np.ones(3), epsilon=1e-8, clip=10.0)
+    words = ["export", str(pendulum), "--c", str(source), "--normalize", str(numbers)]
+    for _ in range(2):
+        assert main(words) == 0
+        assert len(capsys.readouterr().out.splitlines()) == 2
+    text = source.read_text()
+    assert "$" not in text
+    assert "NAME" not in text
+    assert "malloc" not in text
+    assert "within 10 of 0" in text
+
+
+@needs_cc
+def test_the_commands_and_the_program_on_the_page_work(
+    pendulum: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "policy.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "policy.zip").write_bytes(pendulum.read_bytes())
+    np.savez("normalize.npz", mean=np.zeros(3), var=np.ones(3), epsilon=1e-8, clip=10.0)
+    export, check = page.split("```sh\n")[1].split("```")[0].splitlines()
+    assert main(shlex.split(export.removeprefix("aquafish "))) == 0
+    checked = subprocess.run(check, shell=True, capture_output=True, text=True, check=True)
+    assert checked.stdout == page.split("```text\n")[1].split("```")[0]
+    Path("main.c").write_text(page.split("```c\n")[1].split("```")[0])
+    subprocess.run([str(CC), *STRICT, "-c", "main.c"], check=True)
+
+
+class Trap:
+    """An object whose pickle writes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path.touch, (self.path,))
+
+
+def rewritten(path: Path, name: str, content: bytes, into: Path) -> Path:
+    """Return a copy of a zip with other content of one member."""
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(into, "w") as new:
+        for member in old.namelist():
+            new.writestr(member, content if member == name else old.read(member))
+    return into
+
+
+def test_no_pickle_is_loaded(pendulum: Path, tmp_path: Path) -> None:
+    sprung = tmp_path / "sprung"
+    trap = pickle.dumps(Trap(sprung))
+    with zipfile.ZipFile(pendulum) as archive:
+        data = json.loads(archive.read("data"))
+    for entry in data.values():
+        if isinstance(entry, dict) and ":serialized:" in entry:
+            entry[":serialized:"] = base64.b64encode(trap).decode()
+    read_policy(rewritten(pendulum, "data", json.dumps(data).encode(), tmp_path / "a.zip"))
+    content = io.BytesIO()
+    torch.save({"action_net.weight": Trap(sprung)}, content)
+    path = rewritten(pendulum, "policy.pth", content.getvalue(), tmp_path / "b.zip")
+    with pytest.raises(InvalidArgumentError, match="must be a file of stable-baselines3"):
+        read_policy(path)
+    bare = rewritten(pendulum, "policy.pth", trap, tmp_path / "c.zip")
+    with pytest.raises(InvalidArgumentError, match="must be a file of stable-baselines3"):
+        read_policy(bare)
+    assert not sprung.exists()
+
+
+def changed(path: Path, into: Path, change: Callable[[Any, Any], object]) -> Path:
+    """Return a copy of a policy with other settings and weights."""
+    with zipfile.ZipFile(path) as archive:
+        data = json.loads(archive.read("data"))
+        weights = torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)
+    change(data, weights)
+    content = io.BytesIO()
+    torch.save(weights, content)
+    half = rewritten(path, "data", json.dumps(data).encode(), into.with_suffix(".half"))
+    return rewritten(half, "policy.pth", content.getvalue(), into)
+
+
+def _named(name: str, shape: tuple[int, ...] = (2, 2)) -> Callable[[Any, Any], object]:
+    return lambda _, weights: weights.update({name: torch.zeros(shape)})
+
+
+def _setting(entry: str, **values: Any) -> Callable[[Any, Any], object]:
+    return lambda data, _: data[entry].update(values)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (_named("features_extractor.cnn.0.weight"), r"features_extractor\.cnn\.0\.weight is no"),
+        (_named("lstm_actor.weight_ih_l0"), "lstm_actor.weight_ih_l0 is no dense layer"),
+        (_named("mlp_extractor.policy_net.1.weight", (4,)), r"policy_net\.1\.weight is no dense"),
+        (_named("mlp_extractor.policy_net.6.weight"), r"policy_net\.6\.weight is no dense layer"),
+        (_named("mlp_extractor.policy_net.0.weight", (4, 3, 1, 1)), r"policy_net\.0 must have"),
+        (_named("mlp_extractor.policy_net.0.weight", (4, 2)), r"policy_net\.0 must have 3 inputs"),
+        (_named("action_net.weight", (1, 5)), "action_net must have 4 inputs"),
+        (lambda _, w: w.pop("action_net.weight"), "the policy must be one of PPO or A2C, SAC, TD3"),
+        (lambda _, w: w.pop("action_net.bias"), "action_net.bias must be a tensor of float32"),
+        (lambda _, w: w["action_net.bias"].fill_(np.nan), "action_net.bias must be finite"),
+        (lambda _, w: w.update({"action_net.bias": w["action_net.bias"].double()}), "float32"),
+        (_setting("policy_kwargs", activation_fn="<class 'torch.nn.modules.activation.GELU'>"),
+         "activation_fn must be one of Tanh, ReLU, LeakyReLU, ELU, SiLU; got 'GELU'"),
+        (_setting("policy_kwargs", activation_fn="<class '__main__.Tanh'>"), "activation_fn must"),
+        (_setting("policy_kwargs", features_extractor_class="<class 'Mine'>"), "FlattenExtractor"),
+        (_setting("policy_kwargs", dropout=0.5), "policy_kwargs must be one of"),
+        (_setting("policy_kwargs", squash_output=True), "squash_output must be False"),
+        (_setting("policy_class", __module__="sb3_contrib.common"), "policy_class must be one of"),
+        (_setting("observation_space", **{":type:": "<class 'gymnasium.spaces.dict.Dict'>"}),
+         "the class of observation_space must be one of Box; got 'Dict'"),
+        (_setting("observation_space", _shape=[3, 1, 1], dtype="uint8"), "it is of images"),
+        (_setting("action_space", low="[-inf]"), "action_space's low must be 1 finite numbers"),
+        (_setting("action_space", high="[-3.]"), "action_space must have each bound low below"),
+        (lambda data, _: data.pop("policy_kwargs"), "policy_kwargs must be an object"),
+    ],
+)  # fmt: skip
+def test_what_is_no_policy_of_dense_layers_is_refused_by_name(
+    change: Callable[[Any, Any], object], sentence: str, pendulum: Path, tmp_path: Path
+) -> None:
+    path = changed(pendulum, tmp_path / "changed.zip", change)
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        read_policy(path)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "policy", "keywords", "sentence"),
+    [
+        ("SAC", "MlpPolicy", {"use_sde": True}, "actor.mu must be a dense layer; with use_sde"),
+        ("DQN", "MlpPolicy", {}, "the policy must be one of PPO or A2C, SAC, TD3, of dense"),
+    ],
+)  # fmt: skip
+def test_other_algorithms_are_refused(
+    algorithm: str, policy: str, keywords: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    env = "CartPole-v1" if algorithm == "DQN" else "Pendulum-v1"
+    model = getattr(sb3, algorithm)(policy, env, buffer_size=1, device="cpu", **keywords)
+    model.save(tmp_path / "policy.zip")
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        read_policy(tmp_path / "policy.zip")
+
+
+def test_the_means_of_exploration_by_state_are_exported(tmp_path: Path) -> None:
+    model = sb3.A2C("MlpPolicy", "Pendulum-v1", use_sde=True, device="cpu", seed=0)
+    model.save(tmp_path / "policy.zip")
+    seen = np.random.default_rng(0).standard_normal((20, 3)).astype(np.float32)
+    expected, _ = model.predict(seen, deterministic=True)
+    np.testing.assert_allclose(read_policy(tmp_path / "policy.zip").act(seen), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sentence"),
+    [
+        ({}, "must hold the arrays clip, epsilon, mean, var and no others"),
+        ({"mean": np.zeros(2)}, r"must have mean of shape \(3,\)"),
+        ({"mean": np.full(3, np.nan)}, "must have finite mean"),
+        ({"var": np.full(3, -1.0)}, "and var \\+ epsilon above 0"),
+        ({"clip": 0.0}, "must have clip above 0; got 0"),
+    ],
+)
+def test_wrong_numbers_of_a_normalization_are_refused(
+    numbers: dict[str, Any], sentence: str, pendulum: Path, tmp_path: Path
+) -> None:
+    right = {"mean": np.zeros(3), "var": np.ones(3), "epsilon": 1e-8, "clip": 10.0}
+    np.savez(tmp_path / "n.npz", **({**right, **numbers} if numbers else {}))
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        read_policy(pendulum, tmp_path / "n.npz")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--c", "a.c", "--model", "b.c"], "--model takes the body of a controller.json; a policy"),
+        (["--c", "2a.c"], "c must be a file name FILE.c"),
+        (["--c", "a.c", "--normalize", "none.npz"], "normalize must be a file that can be read"),
+    ],
+)
+def test_a_wrong_export_of_a_policy_is_refused(
+    words: list[str],
+    sentence: str,
+    pendulum: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", str(pendulum), *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_a_policy_is_normalized(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["export", "controller.json", "--c", "a.c", "--normalize", "a.npz"]
+    assert main(words) == 2
+    assert "--normalize has no effect without the .zip of a policy" in capsys.readouterr().err
+
+
+def test_a_layer_that_exceeds_float32_is_named(pendulum: Path, tmp_path: Path) -> None:
+    path = changed(
+        pendulum, tmp_path / "huge.zip", lambda _, weights: weights["action_net.weight"].fill_(3e38)
+    )
+    with pytest.raises(InvalidArgumentError, match="action_net must have outputs in the range"):
+        policy_file(read_policy(path), tmp_path / "a.c")
