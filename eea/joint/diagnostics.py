@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.joint.faults import Fit, faults
+from eea.joint.faults import LEAST_STATED_PROBABILITY, Fit, faults
 from eea.joint.problem import Hypothesis
 from eea.joint.robot_model import RobotModel
 from eea.statistics.posterior import Posterior
@@ -21,7 +21,6 @@ ABSENT_AREA_SHARE = 0.02
 TRADE_OFF_CORRELATION = 0.8
 TRADE_OFF_WIDTH = 0.1
 UNINFORMATIVE_WIDTH = 0.5  # share of the range; wider intervals determine nothing
-LEAST_REPORTED_WEIGHT = 0.05  # less probable sets of sizes are not reported
 BEYOND_RANGE_SDS = 4.0  # standard deviations from the bound to a best fit outside the range
 BOUND_DISTANCE = 1e-6  # share of a range
 MODE_DRAWS = 512  # draws of a mode that locate its sizes
@@ -182,7 +181,7 @@ def _several(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
                 break
         else:
             robots.append((weight, middle, spread))
-    robots = sorted((b for b in robots if b[0] >= LEAST_REPORTED_WEIGHT), key=lambda b: -b[0])
+    robots = sorted((b for b in robots if b[0] >= LEAST_STATED_PROBABILITY), key=lambda b: -b[0])
     if len(robots) < 2:
         return []
     apart = np.ptp([middle for _, middle, _ in robots], axis=0)

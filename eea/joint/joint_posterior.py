@@ -53,6 +53,7 @@ class JointPosterior:
     warm_start: WarmStart | None = field(default=None, repr=False)
     #: Of each channel, of which ``sigma`` is a multiple; None where all have the same.
     noise: Noise | None = None
+    caveats: tuple[str, ...] = ()  #: Sentences on what was assumed, the last findings.
 
     @property
     def robot(self) -> RobotModel:
@@ -162,8 +163,14 @@ class JointPosterior:
         """Return the ends (h,) of the intervals of a trial's hidden angles, rad.
 
         The first trial is 0.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such trial.
         """
         best = self.branches[0].parameters
+        whole("trial", trial, 0, len(best.slots) - 1)
         table = self.table(mass)
         rows = [table[best.names[entry]] for entry in best.angle_entries(trial)]
         return np.array([low for _, low, _ in rows]), np.array([high for _, _, high in rows])
@@ -181,6 +188,9 @@ class JointPosterior:
     @property
     def findings(self) -> list[str]:
         """The findings in sentences, most important first."""
+        return [*self._findings(), *self.caveats]
+
+    def _findings(self) -> list[str]:
         best = self.branches[0]
         if self.goodness.good and self.robot.parts:
             return findings(best.posterior, self.robot, fits_of(self.branches))

@@ -6,12 +6,11 @@ import numpy as np
 
 from eea.core.checks import ConfigurationError, flag, real
 from eea.joint.joint_posterior import JointPosterior
+from eea.joint.observed import LARGEST_NUMBER
 from eea.joint.parameters import Parameters
 from eea.statistics.goodness_of_fit import Goodness
 from eea.statistics.posterior import Mode
 
-LEAST_SIGMA = 1e-15  # rad/s
-MOST_SIGMA = 1e3  # rad/s
 ROUNDING_TOLERANCE = 1e-6  # in shares of a range, rad, or probability
 MOST_INFORMATION = 1e30  # 1/range^2 or 1/rad^2; a size that a hypothesis fixes has 1e12
 MOST_COST = 1e15
@@ -24,7 +23,8 @@ def check_posterior(belief: JointPosterior) -> None:
     Optima lie in the ranges, informations are symmetric without negative eigenvalues,
     probabilities sum to 1, and all numbers are finite and of a plausible size.
     """
-    real("its sigma", belief.sigma, LEAST_SIGMA, MOST_SIGMA)
+    # In the unit of the robot's own sensors, so only what no signal can have is refused.
+    real("its sigma", belief.sigma, 1.0 / LARGEST_NUMBER, LARGEST_NUMBER)
     shares = [branch.probability for branch in belief.branches]
     for share in shares:
         real("its probability", share, 0.0, 1.0)

@@ -16,6 +16,7 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, brief, instance, real
 from eea.core.config import FitConfig
+from eea.joint.contradiction import contradictions
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed, Trial
@@ -50,6 +51,8 @@ class Reference:
     robot: RobotModel  #: With what was learned as its prior.
     noise: Noise  #: Of each channel.
     misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
+    #: Sentences on numbers in ``whole`` that the known-good logs contradict.
+    findings: tuple[str, ...] = ()
 
     def infer(
         self,
@@ -60,9 +63,11 @@ class Reference:
     ) -> JointPosterior:
         """Return what has changed since; see :func:`eea.joint.recorded.infer`.
 
-        A log counts as explained if known-good logs are explained as badly.
+        A log counts as explained if known-good logs are explained as badly. The reference's own
+        findings are the last of the answer.
         """
-        return infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
+        found = infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
+        return replace(found, caveats=self.findings)
 
     def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
         """Return whether the robot as it was explains a log, at a rate of false alarms."""
@@ -83,7 +88,8 @@ def learn(
 ) -> Reference:
     """Return what known-good logs tell: the robot as it was, its spread, and its noise.
 
-    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes).
+    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Numbers in
+    ``whole`` are taken as they are stated; the ``findings`` say where the logs contradict them.
 
     Parameters
     ----------
@@ -143,7 +149,8 @@ def learn(
     whole = replace(whole, prior=_spread(fits, labels, widened=True))
     fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
     misfits = np.array([_misfit(one.optima) for one in fits])
-    return Reference(replace(robot, prior=later), noise, misfits)
+    said = contradictions(whole, [one.optima for one in fits], groups)
+    return Reference(replace(robot, prior=later), noise, misfits, tuple(said))
 
 
 def _labels(sessions: Sequence[object] | None, count: int) -> list[object]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
+from eea.core.checks import ConfigurationError, TargetError, all_of, brief, finite, whole
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
 from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.joint_posterior import JointPosterior
@@ -76,6 +76,8 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
         theta[i, own] = mode.theta
         gradient[i, own] = mode.gradient
         information[i, own, own] = mode.information
+    if posterior.caveats:
+        header["caveats"] = posterior.caveats
     return {
         "header": np.frombuffer(json.dumps(header).encode(), np.uint8),
         "theta": theta.ravel(),
@@ -176,8 +178,14 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
             HypothesisPosterior(hypothesis, row["probability"], parameters, inside, doubted)
         )
     goodness = Goodness(**header["goodness"])
+    caveats = all_of("its caveats", header.get("caveats", ()), str)
     belief = JointPosterior(
-        tuple(branches), goodness, header["sigma"], header["samples"], noise=noise
+        tuple(branches),
+        goodness,
+        header["sigma"],
+        header["samples"],
+        noise=noise,
+        caveats=caveats,
     )
     check_posterior(belief)
     if first != len(cost):

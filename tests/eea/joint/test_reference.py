@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from cart import PUSH, QUICK, SD, SOUGHT, measured
+from cart import CART, PUSH, QUICK, SD, SOUGHT, measured
 from eea import Hypothesis, Normal, Trial
 from eea.core.checks import ConfigurationError
+from eea.joint.serialization import from_arrays, to_arrays
 
 SESSIONS, LOGS = 6, 2
 BETWEEN, WITHIN = 0.05, 0.02  # sd of the gain, in its unit
@@ -206,3 +207,31 @@ def test_watch_refuses_what_is_no_log_or_rate(reference):
         with pytest.raises(ConfigurationError) as refusal:
             reference.watch(log, alarm=alarm)
         assert message in str(refusal.value)
+
+
+STATED = replace(ROBOT, whole={"gain": 0.9, "drag": 1.0})
+
+
+def test_the_answer_says_that_known_good_logs_contradict_whole():
+    trials, labels = known_good(np.random.default_rng(11))
+    reference = STATED.learn(trials, labels, config=EFFORT)
+    (said,) = reference.findings
+    assert said.startswith("the known-good logs contradict whole: gain is 0.99")
+    assert said.endswith(", and not 0.9")
+    answer = reference.infer(trials[:1], config=QUICK)
+    assert answer.findings[-1] == said
+    assert from_arrays(to_arrays(answer)).findings == answer.findings
+
+
+def test_whole_that_agrees_with_the_logs_is_not_contradicted():
+    rng = np.random.default_rng(12)
+    for _ in range(5):
+        logs = [measured(rng, bias=0.02 * rng.normal()) for _ in range(4)]
+        assert CART.learn(logs, config=EFFORT).findings == ()
+
+
+def test_whole_at_the_end_of_a_range_is_not_contradicted_by_noise():
+    rng = np.random.default_rng(13)
+    whole = replace(CART, parameters={"gain": (1.0, 2.0), "drag": (0.0, 1.0)})
+    logs = [measured(rng) for _ in range(40)]
+    assert whole.learn(logs, config=EFFORT).findings == ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from aquafish_gym.runs.arrays import write_arrays
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
+from eea.core.checks import ConfigurationError
 from eea.joint.serialization import to_arrays
 from swing import infer
 
@@ -38,6 +40,19 @@ def refused(path, message):
         load_posterior(path)
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_sensors_may_have_any_unit(result, path):
+    """A count of a converter is no rad/s: noise of 40,000 of them is a sensor's."""
+    loud = replace(result.belief, sigma=4e4)
+    save_posterior(path, loud)
+    assert load_posterior(path).sigma == 4e4
+
+
+@pytest.mark.parametrize("trial", [5, -1, 2.5])
+def test_angles_of_a_trial_that_there_is_not_are_refused(result, trial):
+    with pytest.raises(ConfigurationError, match="trial must be a whole number of at least 0 and"):
+        result.belief.angles(trial)
 
 
 @pytest.mark.parametrize("motor", [1.0, 0.0])
