@@ -24,7 +24,7 @@ from eea import Robot, Trial
 from eea.core.config import FitConfig
 from experiments.real.beat import AHEAD, Case, Swing, cases_of, learn_swing, observe
 from experiments.real.fish_rivals import RIVALS, rival_paths
-from experiments.real.michigan import STRIDE, Command, Floats, Run, folds, read
+from experiments.real.michigan import STRIDE, Command, Floats, Run, folds, read, straight_speeds
 from experiments.real.planar_fish import FRAME, swim
 
 COMPARED = 15  # frames between those that the fit compares
@@ -211,6 +211,7 @@ def fish_table(data: Path) -> dict[str, Any]:
             name: [one[name] for one in held.numbers] for name in (*RANGES, LEAD)
         },
         "swims": _swims(held),
+        "straight_speeds": straight_speeds(data),
     }  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.study.drawing import GREY, SMALL_FONT, grid
 from experiments.real.fish import LAW
 from experiments.tables import markdown
+from instruments.verification.fish_data import SPEED_SECONDS
 
 LABELS = {"position_cm": "error of the place, cm", "heading_rad": "error of the heading, rad"}
 LINES = ("-", "--", "-.", ":")
@@ -32,9 +33,13 @@ def fish_text(table: Mapping[str, Any]) -> str:
         f"after {s} s along {along:.0%}, across {across:.0%}, heading {heading:.0%}"
         for s, (along, across, heading) in table["held_90_by"].items()
     )
+    straight = [["amplitude", *(f"m/s at {at} s" for at in SPEED_SECONDS)]]
+    straight += [[str(a), *(f"{v:.4f}" for v in speeds)] for a, speeds in table["straight_speeds"]]
     return (
         f"Root mean squares of held-out commands; cases: {cases}.\n\n{markdown(rows)}\n"
-        f"Our 90% intervals hold {table['held_90']:.1%}: {by}.\n"
+        f"Our 90% intervals hold {table['held_90']:.1%}: {by}.\n\n"
+        f"Mean speeds of the runs without bias, in the second about each time:\n\n"
+        f"{markdown(straight)}\n"
     )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.real.planar_fish import FRAME
+from instruments.verification.fish_data import SPEED_SECONDS
 
 Floats = NDArray[np.float64]
 Command = tuple[int, int]  # amplitude and bias of the tail, degrees
@@ -104,6 +105,42 @@ def _read_run(path: Path) -> Run:
     pose = np.column_stack([table[:, 5], table[:, 6], np.unwrap(table[:, 4])])
     command = (int(stated[1]), int(stated[2]))
     return Run(name, command, table[:, 0], pose, table[:, 1:4])
+
+
+def straight_speeds(data: Path) -> list[tuple[int, list[float]]]:
+    """Return amplitude (degrees) and mean speeds (m/s) of each run without bias, by name.
+
+    The speeds are those in the second about each of ``SPEED_SECONDS`` after the run began, of the
+    authors' filtered runs, ASTATES1 to ASTATES3, whose speeds are in m per 0.1 s. Two beats are a
+    second of the files' clock.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``data`` has no such run.
+    DamagedFileError
+        If a run is no table, or too short.
+    """
+    inner = data / "trainingData"
+    found = sorted((inner if inner.is_dir() else data).glob("Amp*Bias0/ASTATES*.txt"))
+    if not found:
+        raise InvalidArgumentError(
+            f"data must have filtered runs without bias, Amp*Bias0/ASTATES*.txt; {data} has none"
+        )
+    speeds = []
+    for path in found:
+        try:
+            time, forward = np.loadtxt(path, usecols=(0, 1), ndmin=2).T
+        except ValueError as error:
+            raise DamagedFileError(f"{path} is no table of numbers: {error}") from error
+        windows = [np.abs(time - at) <= 0.5 + FRAME_TOLERANCE for at in SPEED_SECONDS]
+        if time[-1] < SPEED_SECONDS[-1] + 0.5 or time[0] > SPEED_SECONDS[0] - 0.5:
+            raise DamagedFileError(
+                f"{path} must last until {SPEED_SECONDS[-1] + 0.5:g} s; it ends at {time[-1]:g} s"
+            )
+        amplitude = int(path.parent.name.removeprefix("Amp").removesuffix("Bias0"))
+        speeds.append((amplitude, [float(10.0 * forward[one].mean()) for one in windows]))
+    return speeds
 
 
 def folds(runs: Sequence[Run]) -> list[list[Command]]:

@@ -10,29 +10,35 @@
 
 The first robot's tail was set to 1 Hz, but its heading swings twice a second of its files' clock,
 and its servo logs last about twice as long as its tracks. Its speeds may therefore be twice too
-high. No exponent depends on that, nor does what is given per beat, which is 0.5 s of that clock.
+high. No exponent of it depends on that, nor does what is given per beat, which is 0.5 s of that
+clock; the number of beats after which our swims are compared does.
 """
 
 from __future__ import annotations
 
 BEAT = 0.5  # s of the first robot's clock
 
-# Amplitude (degrees) and the mean forward speed over the last second (m/s by the files' clock) of
-# each published run without bias. Runs marked A are filtered, in m per 0.1 s.
+# Amplitude (degrees) of each of the twelve published runs without bias, and its mean forward speed
+# (m/s) in the second about each of SPEED_SECONDS after it began: of ASTATES1 to ASTATES3, filtered
+# by the authors. ``python -m experiments.real fish --data DIR`` prints them.
+SPEED_SECONDS = (3, 4, 5)  # the shortest run ends at 5.53
 AMPLITUDE_RUNS = (
-    (15, 0.1036),  # A1
-    (15, 0.1045),  # A2
-    (20, 0.1279),  # A1
-    (20, 0.1325),  # A2
-    (20, 0.1257),  # A3
-    (25, 0.1808),  # STATES1
-    (25, 0.1824),  # STATES2
-    (25, 0.1716),  # A3
-    (30, 0.2166),  # STATES1
+    (15, (0.0488, 0.0583, 0.0652)),
+    (15, (0.0503, 0.0592, 0.0681)),
+    (15, (0.0449, 0.0579, 0.0659)),
+    (20, (0.0844, 0.0974, 0.1084)),
+    (20, (0.0879, 0.1027, 0.1168)),
+    (20, (0.0818, 0.1210, 0.1238)),
+    (25, (0.1230, 0.1461, 0.1643)),
+    (25, (0.1268, 0.1435, 0.1658)),
+    (25, (0.1198, 0.1445, 0.1579)),
+    (30, (0.1716, 0.1946, 0.2120)),
+    (30, (0.1658, 0.1966, 0.2347)),
+    (30, (0.1748, 0.1952, 0.2089)),
 )
+SPEED_BEATS = tuple(round(seconds / BEAT) for seconds in SPEED_SECONDS)
+WINDOW_BEATS = round(1.0 / BEAT)  # of each mean
 
-# How many beats from about rest those runs last, by amplitude; the last second is two beats.
-RUN_BEATS = {15: 25, 20: 14, 25: 13, 30: 11}
 
 # Bias (degrees, without its sign) and the heading's change over the last 2 s (rad) at an
 # amplitude of 15 degrees. The run at -30 is cut where the tracking loses the fish; its last
@@ -77,3 +83,8 @@ def bainbridge(frequency: float) -> float:
 def turn_per_beat(turn: float) -> float:
     """Return what one of ``BIAS_RUNS`` turns in a beat, rad."""
     return turn * BEAT / BIAS_SECONDS
+
+
+def speeds_at(number: int) -> list[tuple[int, float]]:
+    """Return amplitude and speed of each of ``AMPLITUDE_RUNS`` at one of ``SPEED_SECONDS``."""
+    return [(amplitude, speeds[number]) for amplitude, speeds in AMPLITUDE_RUNS]

@@ -92,7 +92,6 @@ def _published() -> Report:
     """Return the exponents of the published numbers."""
     fast = [run for run in fish_data.FREQUENCY_RUNS if run[0] >= 1]
     runs = {
-        "amplitude": fish_data.AMPLITUDE_RUNS,
         "frequency": fish_data.FREQUENCY_RUNS,
         "from 1 Hz": fast,
         "turning": fish_data.BIAS_RUNS,
@@ -100,6 +99,10 @@ def _published() -> Report:
     found: Report = {
         name: exponent(*zip(*table, strict=True))._asdict() for name, table in runs.items()
     }
+    found["amplitude"] = [
+        exponent(*zip(*fish_data.speeds_at(i), strict=True))._asdict()
+        for i in range(len(fish_data.SPEED_SECONDS))
+    ]
     speeds = dict(fish_data.FREQUENCY_RUNS)
     scale = fish_data.LENGTH / fish_data.VISCOSITY
     found["strouhal"] = [
@@ -123,7 +126,7 @@ def study(quick: bool = False) -> Report:
         "coarse": [(f, SWEEP, 1) for f in FREQUENCIES],
     }
     found: Report = {"published": _published(), **{name: [] for name in sweeps}}
-    found |= {"from rest": [], "turning": []}
+    found |= {"from rest": [[] for _ in fish_data.SPEED_BEATS], "turning": []}
     unsettled: list[float] = []
     for reactive in (False, True):
         for name, points in sweeps.items():
@@ -133,8 +136,9 @@ def study(quick: bool = False) -> Report:
             unsettled.append(float(rest.max()))
             found[name] += _rows(reactive, x, speeds, strouhal)
         begun = [begun_swims(BODIES, reactive, a, fine) for a in AMPLITUDES]
-        speeds, strouhal = (np.array(part) for part in zip(*begun, strict=True))
-        found["from rest"] += _rows(reactive, AMPLITUDES, speeds, strouhal)
+        for rows, at in zip(found["from rest"], zip(*begun, strict=True), strict=True):
+            speeds, strouhal = (np.array(part) for part in zip(*at, strict=True))
+            rows += _rows(reactive, AMPLITUDES, speeds, strouhal)
         for bias in BIASES:
             turns = turns_per_beat(
                 BODIES, reactive, math.radians(bias), math.radians(AMPLITUDES[0])
@@ -168,17 +172,17 @@ def _range(value: float | Report, digits: int = 2) -> str:
 
 def amplitude_table(report: Report) -> Table:
     """Return how speed depends on the tail's amplitude."""
+    measured = map(_interval, report["published"]["amplitude"])
     return Table(
         "exponent of speed in amplitude, 15 to 30 degrees, with 95% interval; of many tails the "
         "median with the range",
-        ("swimmer", "law", "as long a run", "steady", "Strouhal number",
-         "body lengths a beat"),
+        ("swimmer", "law", *(f"after {beats} beats" for beats in fish_data.SPEED_BEATS), "steady",
+         "Strouhal number", "body lengths a beat"),
         [
-            ("robot of Michigan State", "measured", _interval(report["published"]["amplitude"]),
-             "", "", ""),
-            *((r["swimmer"], _law(r), _interval(begun), _interval(r), _range(r["strouhal"]),
+            ("robot of Michigan State", "measured", *measured, "", "", ""),
+            *((r["swimmer"], _law(r), *map(_interval, begun), _interval(r), _range(r["strouhal"]),
                _range(r["lengths_per_beat"]))
-              for r, begun in zip(report["amplitude"], report["from rest"], strict=True)),
+              for r, *begun in zip(report["amplitude"], *report["from rest"], strict=True)),
         ],
         words=2,
     )  # fmt: skip

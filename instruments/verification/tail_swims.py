@@ -12,7 +12,7 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import FIELDS
-from instruments.verification.fish_data import RUN_BEATS
+from instruments.verification.fish_data import SPEED_BEATS, WINDOW_BEATS
 from instruments.verification.propulsion import straight_swims
 from instruments.verification.trials import STILL, lane_batch
 
@@ -129,11 +129,15 @@ def _push(lanes: LaneBatch, course: Array, push: Array) -> None:
 
 def begun_swims(
     bodies: Array, reactive: bool, amplitude: int, substeps: int
-) -> tuple[Array, Array]:
-    """Return speeds and Strouhal numbers (B,) at the end of swims as long as the published ones."""
-    beats, per_beat = RUN_BEATS[amplitude], round(1 / TIMESTEP)
+) -> list[tuple[Array, Array]]:
+    """Return speeds and Strouhal numbers (B,) about each of ``SPEED_BEATS`` from rest."""
+    half, per_beat = WINDOW_BEATS // 2, round(1 / TIMESTEP)
+    beats = max(SPEED_BEATS) + half
     log = beat_tails(bodies, 1.0, reactive, beats, math.radians(amplitude), substeps=substeps)
-    return straight_swims(bodies, log, 1.0, (beats - 2) * per_beat, beats * per_beat)
+    return [
+        straight_swims(bodies, log, 1.0, (at - half) * per_beat, (at + half) * per_beat)
+        for at in SPEED_BEATS
+    ]
 
 
 def turns_per_beat(bodies: Array, reactive: bool, bias: float, amplitude: float) -> Array:

@@ -19,7 +19,7 @@ from experiments.real.beat import AHEAD, BEATS_HZ, Swing, cases_of, learn_swing,
 from experiments.real.fish import LAW, errors, half_widths, infer, predict
 from experiments.real.fish_report import draw_fish, fish_text
 from experiments.real.fish_rivals import RIVALS
-from experiments.real.michigan import folds, read
+from experiments.real.michigan import folds, read, straight_speeds
 from experiments.real.planar_fish import (
     CAPSULE_LENGTH,
     FRAME,
@@ -92,6 +92,27 @@ def test_a_damaged_run_is_refused_by_its_name(tmp_path: Path, spoil, said: str) 
     with pytest.raises(DamagedFileError, match=said) as raised:
         read(tmp_path)
     assert "Amp15Bias30/STATES1.txt" in str(raised.value)
+
+
+def write_straight_run(folder: Path, amplitude: int, seconds: float = 6.0) -> None:
+    """Write a filtered run whose speed in m/s is a hundredth of its time."""
+    place = folder / f"Amp{amplitude}Bias0"
+    place.mkdir(exist_ok=True)
+    time = np.arange(0.7, seconds, FRAME)
+    np.savetxt(place / "ASTATES1.txt", np.column_stack([time, 0.001 * time, time, time, time]))
+
+
+def test_speeds_of_straight_runs_are_means_about_equal_times(tmp_path: Path) -> None:
+    write_straight_run(tmp_path, 30)
+    write_straight_run(tmp_path, 15)
+    found = straight_speeds(tmp_path)
+    assert [amplitude for amplitude, _ in found] == [15, 30]
+    assert found[0][1] == pytest.approx([0.03, 0.04, 0.05], abs=2e-4)
+    write_straight_run(tmp_path, 15, 5.0)
+    with pytest.raises(DamagedFileError, match=r"must last until 5\.5 s; it ends at 4\.9"):
+        straight_speeds(tmp_path)
+    with pytest.raises(InvalidArgumentError, match="filtered runs without bias"):
+        straight_speeds(tmp_path / "Amp15Bias0")
 
 
 def test_another_folder_is_refused_with_the_one_that_is_wanted(tmp_path: Path) -> None:
@@ -213,9 +234,11 @@ def test_the_report_has_a_row_a_predictor_and_a_picture(tmp_path: Path) -> None:
         "held_90": 0.9,
         "held_90_by": {"2": [0.9, 0.8, 1.0], "5": [1.0, 1.0, 0.5]},
         "swims": [{"command": [20, 50], **paths}],
+        "straight_speeds": [(15, [0.05, 0.06, 0.07])],
     }
     said = fish_text(table)
     assert f"| {LAW} | 2.0 cm, 0.02 rad | 5.0 cm, 0.05 rad |" in said
     assert f"| {RIVALS[0]} | 4.0 cm" in said
+    assert "| 15 | 0.0500 | 0.0600 | 0.0700 |" in said
     draw_fish(table, tmp_path / "fish.png")
     assert (tmp_path / "fish.png").stat().st_size > 10_000
