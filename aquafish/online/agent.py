@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.case import CHANNEL_TOLERANCE, REOPENED_ACTIONS, Case, Moment
+from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment, open_case
 from aquafish.online.choosing import GaitChooser, Water, predicts
 from aquafish.online.config import AgentConfig
 from aquafish.online.early import EARLY_DRIFT, EarlyWatch
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import check_library, load_library
 from aquafish.online.monitor import (
     CALIBRATION_ACTIONS,
     ERROR_SCALES,
@@ -23,7 +23,7 @@ from aquafish.online.monitor import (
     ErrorCalibration,
     ReadingHistory,
 )
-from aquafish.online.recognition import Recognised
+from aquafish.online.recognition import Recognised, alike
 from aquafish.online.self_model import (
     MODEL_ERROR,
     RECOGNISED_ERROR,
@@ -33,8 +33,9 @@ from aquafish.online.self_model import (
     predict,
 )
 from aquafish.online.swimming import Gait
-from aquafish.online.teacher import INTERVAL, Teacher
+from aquafish.online.teacher import Teacher, check_teachers
 from aquafish.online.thinking import Event, Thought, thinking_actions
+from aquafish.online.trusted import Trusted
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
@@ -48,7 +49,6 @@ from aquafish_gym.utils.validation import (
     instance,
     integer,
     real_array,
-    sequence,
 )
 from gait.controllers.controller import Controller
 
@@ -56,11 +56,10 @@ __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 
 # The number of actions before an alarm in which the robot may have broken, by ``gyro_only``.
 ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
-OUTAGE_ACTIONS = 10  # at most, without any reading, before these: it may have broken in them, too
-SAME_GAIT_DIFFERENCE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
-# In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
-# 12 observations, and for 50 actions there is no other alarm.
-FOREIGN_OBSERVATIONS = 12
+CONFIRMING_ACTIONS = 7  # after an alarm; what still fits then is trusted
+# In foreign water predictions are good for a few seconds. So inferences after an alarm use 3 to 12
+# observations, and for 50 actions there is no other alarm.
+FOREIGN_OBSERVATIONS = range(3, 13)
 QUIET_ACTIONS = 50
 ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
 
@@ -125,17 +124,8 @@ class SelfModelAgent:
             raise InvalidArgumentError(
                 f"robot must be one robot, without a servo lag; got {self._whole!r}"
             )
-        given = load_library() if library is None else library
-        if not isinstance(given, list | tuple) or not given:
-            raise InvalidArgumentError(f"library must have a gait; got {brief(given)}")
-        self.library = [instance("library", gait, Controller) for gait in given]
-        for gait in self.library:
-            if gait.interval != hold or gait.senses.goal:
-                raise InvalidArgumentError(
-                    f"library must have gaits without a goal whose interval is hold, {hold} steps; "
-                    f"got {gait!r}"
-                )
-        self.teachers = _check_teachers(teachers, library is None, hold)
+        self.library = check_library(load_library() if library is None else library, hold)
+        self.teachers = check_teachers(teachers, library is None, hold)
 
     def begin(self, fin_angles: ArrayLike | None = None) -> None:
         """Begin an episode at rest, with the fins at angles (3,), rad; None infers them."""
@@ -159,6 +149,7 @@ class SelfModelAgent:
             self._early = EarlyWatch(self._calibration, back, config.inferences)
         self._case: Case | None = None
         self._first_case: Case | None = None  # of the alarms in a row
+        self._trusted: Trusted | None = None
         self._quiet = 0
         self._foreign = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
@@ -212,6 +203,9 @@ class SelfModelAgent:
             self._calibrate(self._calibration, moment)
         else:
             self.model.step(moment.action)
+            if self._trusted is not None:
+                self._trusted.model.step(moment.action)
+                self._trusted.model.correct(observed)
             self._notice(observed, self.model.correct(observed))
         for about in self._readings.add(observed):
             self._log("sensor", about)
@@ -219,12 +213,12 @@ class SelfModelAgent:
     def _notice(self, observed: Floats, square: float) -> None:
         """Notice and infer what broke, by an observation and its squared innovation."""
         lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
-        # In foreign water, how surprising another gait is must be learned after each alarm.
-        calm = self._foreign and self._steps < self._quiet
+        calm = self._steps < self._quiet
         alarming = self._monitor.add(square, int(self.model.used(observed).sum()), calm)
         silence_ends = lost & self._readings.changed(observed)  # of a sensor that works again
         alarming |= bool(silence_ends.any())
-        if alarming and (self._case is None or self._case.settled(self._steps)):
+        settled = self._case is None or self._case.settled(self._steps)
+        if alarming and settled and (self._case is None or self._believes_anew):
             self._case = self._open()
             self._log("alarm", "this is not what the self-model predicts")
         if self._case is not None:
@@ -276,34 +270,32 @@ class SelfModelAgent:
         self._calibration = None
         self._case = early.case
         self._first_case = case
+        self._trusted = Trusted(early.model.copy(), Damage(), self.gait)
+
+    @property
+    def _believes_anew(self) -> bool:
+        """Whether it believes something else than before an alarm."""
+        return self._trusted is None or self.model.robot is not self._trusted.model.robot
 
     def _open(self) -> Case:
         """Return the case of an alarm."""
         used = np.isfinite(noise_of(self._intact))
         exact = not self.config.gyro_noise and self._drift[used].max() < CHANNEL_TOLERANCE
         back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
-        before = [self.model.robot]
-        broken = [self._broken]
-        if self.model.robot is not self._intact:  # what broke may have ended
-            before, broken = [*before, self._intact], [*broken, Damage()]
-        first = max(len(self._moments) - 1 - back, 0)
-        earliest = max(first - OUTAGE_ACTIONS, 0)
-        while first > earliest and not self.model.used(self._moments[first - 1].observed).any():
-            first -= 1  # nothing was observed then
-        self._quiet = self._steps + QUIET_ACTIONS
+        if self._foreign:  # how surprising another gait is must be learned after each alarm
+            self._quiet = self._steps + QUIET_ACTIONS
+        elif self._trusted is None:
+            self._trusted = Trusted(self.model.copy(), self._broken, self.gait)
         if any(event.what == "alarm" for event in self.events):
             most = ERROR_SCALES[-1] * MODEL_ERROR
             self.model.model_error = np.minimum(ERROR_GROWTH * self.model.model_error, most)
-        due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_OBSERVATIONS]
-        case = Case(self._steps, before, broken, first, due or [1])
-        recent = self._first_case
-        if (
-            recent is not None
-            and self._steps - recent.step <= REOPENED_ACTIONS
-            and recent.before[0] is not self.model.robot
-        ):
-            case.earlier = recent
-        else:
+        due = [k for k in self.config.inferences if not self._foreign or k in FOREIGN_OBSERVATIONS]
+        beliefs = [(self.model.robot, self._broken)]
+        if self.model.robot is not self._intact:  # what broke may have ended
+            beliefs.append((self._intact, Damage()))
+        seen = [bool(self.model.used(moment.observed).any()) for moment in self._moments]
+        case = open_case(beliefs, seen, back, due or [1], self._first_case)
+        if case.earlier is None:
             self._first_case = case
         return case
 
@@ -313,7 +305,13 @@ class SelfModelAgent:
         found = case.explain(moments, drift, self.config.gyro_noise, self.hold)
         if self._calibration is not None and (found.unchanged or not found.fits):
             return
-        if case.due and not found.decided:
+        doubted = not self._foreign and not found.fits
+        if doubted:
+            case.look_back()
+            if not case.due and self._trusted is not None:  # what surprises it now is usual
+                self._quiet = self._steps + QUIET_ACTIONS
+        usable = self._foreign or found.decided
+        if case.due and not (self._believes_anew if doubted else usable):
             return
         seconds = case.inferences * self.config.inference_seconds
         due = self._steps + thinking_actions(seconds, self.dt)
@@ -325,7 +323,12 @@ class SelfModelAgent:
         """Use an inference that is due: become another robot."""
         self.events.append(thought.event)
         case, found = thought.result
+        if not self._foreign and not found.fits:
+            self._doubt(last=not case.due)
+            return
         self.recognised = found
+        if thought.event.seconds >= (case.step + CONFIRMING_ACTIONS) * self.dt:
+            self._trusted = None
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
@@ -334,18 +337,31 @@ class SelfModelAgent:
         if since:
             actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
-        changed = False
-        if self._calibration is not None and self._early is not None:
+        changed = self._calibration is not None
+        if self._early is not None and changed:
             self._end_calibration(self._early, found, case)
-            changed = True
         robot = self._intact if found.whole else found.robot
-        changed |= not _alike(robot, self.model.robot)
+        changed |= not alike(robot, self.model.robot)
         self._monitor.clear()
         self._broken = found.damage
         self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
         if changed:
             self._change_gait(soon=True)
+
+    def _doubt(self, last: bool) -> None:
+        """Undo what was believed since an alarm; at ``last``, say that its cause is unknown."""
+        trusted = self._trusted
+        if trusted is None:  # what fitted for long is kept; the next alarm says what broke since
+            return
+        if last:
+            self._log("unknown", "none of my hypotheses explains what I observe")
+            self._trusted = None
+            self._first_case = None
+        self.model = trusted.model if last else trusted.model.copy()
+        self._broken = trusted.broken
+        self._monitor.clear()
+        self._chooser.return_to(trusted.gait, self.model)
 
     def _change_gait(self, soon: bool = False) -> None:
         """Swim the best known gait from now on, and refine it meanwhile."""
@@ -368,29 +384,3 @@ class SelfModelAgent:
 
     def _log(self, what: str, about: str) -> None:
         self.events.append(Event(self._steps * self.dt, what, about))
-
-
-def _check_teachers(
-    teachers: object, packaged: bool, hold: int
-) -> tuple[Teacher, Teacher] | tuple[()]:
-    """Return the teachers beside a library, which may be the packaged one."""
-    if teachers is None:
-        return (Teacher.load(), Teacher.load_any_water()) if packaged else ()
-    given = sequence("teachers", teachers)
-    if not len(given):
-        return ()
-    if len(given) != 2:
-        raise InvalidArgumentError(
-            f"teachers must be two, for known water and for any other, or none; got {len(given)}"
-        )
-    if hold != INTERVAL:
-        raise InvalidArgumentError(f"teachers need a hold of {INTERVAL} steps; got {hold}")
-    known, foreign = (instance("teachers", one, Teacher) for one in given)
-    return known, foreign
-
-
-def _alike(one: Scenario, other: Scenario) -> bool:
-    """Whether two robots need no different gaits: their sizes and gains are alike."""
-    sizes = np.abs(one.body - other.body).max()
-    gains = np.abs(one.servo_gain - other.servo_gain).max()
-    return bool(max(sizes, gains) <= SAME_GAIT_DIFFERENCE)

@@ -18,7 +18,9 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
 SETTLED_CASE_ACTIONS = 10  # after an alarm, from which on the inferred fault is trusted
+OUTAGE_ACTIONS = 10  # at most, without any reading, before: it may have broken in them, too
 REOPENED_ACTIONS = 25  # after an alarm, within which another one may mean that its fault was wrong
+LONGEST_DELAY_ACTIONS = 5  # from a fault to its alarm
 CHARGED_STARTS = 3  # from which all hypotheses are simulated in the time of one inference
 # A channel is broken if its rms error is more than this, and than these multiples of the model's
 # own error and of the gyroscope's noise.
@@ -57,6 +59,10 @@ class Case:
         if due:
             self.due.pop(0)
         return due
+
+    def look_back(self) -> None:
+        """Let it have broken earlier: a mild fault takes a second to raise an alarm."""
+        self.first = min(self.first, max(self.step - 1 - LONGEST_DELAY_ACTIONS, 0))
 
     @property
     def _starts(self) -> int:
@@ -99,3 +105,38 @@ class Case:
         # The robot has all of them; what is said of it has the latest.
         faults = self.broken[found.before].faults + found.damage.faults
         return replace(found, damage=Damage(faults[-MAXIMUM_FAULTS:]))
+
+
+def open_case(
+    beliefs: Sequence[tuple[Scenario, Damage]],
+    seen: Sequence[bool],
+    back: int,
+    due: list[int],
+    recent: Case | None,
+) -> Case:
+    """Return the case of an alarm at the last of some moments.
+
+    Parameters
+    ----------
+    beliefs
+        What the robot may have been, and what was broken of it; the present belief first.
+    seen
+        Of each moment, whether anything was observed.
+    back
+        The number of actions before the alarm in which it may have broken.
+    due
+        Numbers of observations with which to infer.
+    recent
+        The case of the first of the alarms before, if any; it is reopened if its fault is believed.
+    """
+    step = len(seen)
+    first = max(step - 1 - back, 0)
+    earliest = max(first - OUTAGE_ACTIONS, 0)
+    while first > earliest and not seen[first - 1]:
+        first -= 1
+    robots = [robot for robot, _ in beliefs]
+    case = Case(step, robots, [broken for _, broken in beliefs], first, due)
+    believed = recent is not None and recent.before[0] is not robots[0]
+    if recent is not None and believed and step - recent.step <= REOPENED_ACTIONS:
+        case.earlier = recent
+    return case

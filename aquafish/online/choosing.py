@@ -123,8 +123,16 @@ class GaitChooser:
         best = thought.result[0]
         self.refined.extend(gait for gait in thought.result[::-1] if gait is not self.gait)
         if best is not self.gait:
-            self._swimming = begin_gait(best, model.robot, self._action)
+            self.swim(best, model)
         self._refine(model, step)
+
+    def return_to(self, gait: Gait, model: SelfModel) -> None:
+        """Swim a gait that was swum before, and refine nothing."""
+        self._thought = None
+        self._rounds = 0
+        self._efforts = []
+        if gait is not self.gait:
+            self.swim(gait, model)
 
     def change(self, model: SelfModel, step: int, water: Water, soon: bool) -> None:
         """Swim the best known gait from a step on, and refine it meanwhile.

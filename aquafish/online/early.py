@@ -10,7 +10,7 @@ import numpy as np
 
 from aquafish.online.case import Case, Moment
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor, chance_bound
-from aquafish.online.self_model import LEAST_OBSERVATION_SD
+from aquafish.online.self_model import LEAST_OBSERVATION_SD, SelfModel
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.array_types import Floats
@@ -67,6 +67,11 @@ class EarlyWatch:
         """The number of the likeliest filter that still predicts well, or None."""
         models = self._calibration.models
         return max(self._watched, key=lambda i: models[i].log_likelihood, default=None)
+
+    @property
+    def model(self) -> SelfModel:
+        """The whole robot's filter."""
+        return self._calibration.models[self._chosen]
 
     @property
     def moments(self) -> list[Moment]:

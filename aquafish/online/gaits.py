@@ -9,6 +9,7 @@ from typing import Any
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.scores.fitness import swim_scores
@@ -30,6 +31,20 @@ def read_library(path: Path | None = None) -> dict[str, Any]:
 def load_library(path: Path | None = None) -> list[Controller]:
     """Return the gaits of a library: two for the whole robot, then those for broken ones."""
     return [Controller.from_dict(one) for one in read_library(path)["gaits"]]
+
+
+def check_library(library: Sequence[Controller], hold: int) -> list[Controller]:
+    """Return the gaits of a library, each of which holds an action for ``hold`` steps."""
+    if not isinstance(library, list | tuple) or not library:
+        raise InvalidArgumentError(f"library must have a gait; got {brief(library)}")
+    for gait in library:
+        instance("library", gait, Controller)
+        if gait.interval != hold or gait.senses.goal:
+            raise InvalidArgumentError(
+                f"library must have gaits without a goal whose interval is hold, {hold} steps; "
+                f"got {gait!r}"
+            )
+    return list(library)
 
 
 def imagine(

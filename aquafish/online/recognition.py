@@ -27,6 +27,8 @@ from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
+FIT_MARGIN = 1.5  # times the expected rms error, which a true hypothesis does not leave
+SAME_GAIT_DIFFERENCE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 POSES_PER_FIN = 16  # from which its initial angle is narrowed
 
 
@@ -129,7 +131,7 @@ def recognise(
     silent = search.silent & used
     robot, sensors, odd = with_sensors(robot, errors, silent, search.zero, search.noise, tolerance)
     left = observed[onset:] - predicted[0] - robot.sensor_bias[0]
-    fits = not odd and leaves_noise(left, np.hypot(noise_of(robot), drift))
+    fits = not odd and leaves_noise(left, FIT_MARGIN * np.hypot(noise_of(robot), drift))
     something = bool(damage or likeliest.current or sensors)
     return Recognised(
         damage=damage,
@@ -178,3 +180,10 @@ def find_fins(
         poses = (best[:, None] + spacing * around).reshape(-1, 3)
     found: Floats = best[0]
     return found
+
+
+def alike(one: Scenario, other: Scenario) -> bool:
+    """Return whether two robots need no different gaits: their sizes and gains are alike."""
+    sizes = np.abs(one.body - other.body).max()
+    gains = np.abs(one.servo_gain - other.servo_gain).max()
+    return bool(max(sizes, gains) <= SAME_GAIT_DIFFERENCE)

@@ -107,6 +107,14 @@ class SelfModel:
         self.log_likelihood = 0.0
         self.become(robot, start_rows(angles[None])[:, 0])
 
+    def copy(self) -> SelfModel:
+        """Return a model that goes on from the same state by itself."""
+        twin = SelfModel(self.robot, np.zeros(3), self.model_error, hold=self.hold)
+        twin.become(self.robot, self.state)
+        twin.covariance = self.covariance
+        twin.log_likelihood = self.log_likelihood
+        return twin
+
     def become(self, robot: Scenario, state: Floats) -> None:
         """Replace the robot and its state (25,); keep the covariance."""
         self.robot = robot

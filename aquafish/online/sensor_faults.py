@@ -11,6 +11,7 @@ from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
 BIAS_COST = 4.0  # minus its log prior
+BIAS_RATIO = 5.0  # least ratio of a bias below the tolerance to the expected error
 BIAS_DEVIATION = 0.3  # errors that deviate less from their mean, relative to it, are a bias
 NOISE_CORRELATION = 0.4  # errors that correlate less with the one before are noise
 TOLERATED_NOISE = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
@@ -56,7 +57,7 @@ def with_sensors(
     # Below the tolerance, many observations show a bias that the filter would fight with for ever.
     around = np.where(np.isfinite(expected), expected, 1.0) ** 2 + deviation**2
     gain = 0.5 * count * np.log1p(mean**2 / around)
-    plain = steady & (gain > BIAS_COST + 0.5 * np.log(count)) & np.isfinite(expected)
+    plain = steady & (gain > BIAS_COST + 0.5 * np.log(count)) & (mean**2 > BIAS_RATIO**2 * around)
     biased |= plain & ~silent & (count >= FEWEST_BIAS_OBSERVATIONS)
     words = list[str]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.

@@ -324,3 +324,22 @@ def _turns(angles: Floats) -> Singles:
     x, y, z, w = Rotation.from_euler("ZX", angles).as_quat().T
     rows = [[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]]
     return np.array(rows, np.float32)
+
+
+def check_teachers(
+    teachers: object, packaged: bool, hold: int
+) -> tuple[Teacher, Teacher] | tuple[()]:
+    """Return the teachers beside a library, which may be the packaged one."""
+    if teachers is None:
+        return (Teacher.load(), Teacher.load_any_water()) if packaged else ()
+    given = sequence("teachers", teachers)
+    if not len(given):
+        return ()
+    if len(given) != 2:
+        raise InvalidArgumentError(
+            f"teachers must be two, for known water and for any other, or none; got {len(given)}"
+        )
+    if hold != INTERVAL:
+        raise InvalidArgumentError(f"teachers need a hold of {INTERVAL} steps; got {hold}")
+    known, foreign = (instance("teachers", one, Teacher) for one in given)
+    return known, foreign

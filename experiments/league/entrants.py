@@ -90,7 +90,7 @@ class Oracle(SelfModelAgent):
         self.model.become(robot, self.model.state)
         self._change_gait()
 
-    def _infer(self, *_case: object) -> None:
+    def _infer(self, *_: object) -> None:
         """Infer nothing."""
 
 

@@ -110,7 +110,7 @@ def test_it_may_choose_gaits_that_it_refined_before(monkeypatch: pytest.MonkeyPa
 
 
 def test_in_an_episode_of_any_length_it_thinks_a_minute_ahead() -> None:
-    agent, _, _ = swim("caudal:missing@11", 70, AgentConfig(1e5, generations=2, refinements=1))
+    agent, _, _ = swim("caudal:missing@13", 80, AgentConfig(1e5, generations=2, refinements=1))
     assert whats(agent).count("refined") >= 2
     assert all(10.0 < float(e.about.split()[-2]) < 70.0 for e in agent.events if e.what == "chose")
 
@@ -152,6 +152,15 @@ def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() 
     assert case.inferences == 1
     later = Case(115, [Scenario.create()] * 2, [Damage()] * 2, 112, [1], case)
     assert later.inferences == 3
+
+
+def test_what_none_of_its_words_says_is_unknown_and_changes_nothing() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    damage = "gyro:noise=0.01; caudal:thickness=0.25@15; right_pectoral:thickness=2.6@15"
+    agent, _, _ = swim(damage, 120, noisy)
+    assert whats(agent) == ["chose", "alarm", "inferred", "unknown"]
+    np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
+    np.testing.assert_array_equal(agent.model.robot.servo_gain, 1.0)
 
 
 def test_it_becomes_whole_again_when_a_fault_ends() -> None:
