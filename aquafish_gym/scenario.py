@@ -82,7 +82,7 @@ class Scenario:
     spin: Floats  # (B, 3) angular velocity at the start, body axes, rad/s
     current: Floats  # (B, 3) velocity of the water in the world, units/s
     drag: Floats  # (B, 2) factors on the drag of the fins and on that of the body
-    fin_density: Floats  # (B,) factor on the mass of the fins
+    fin_density: Floats  # (B,) factor on the mass of the fins, or (B, 3) of each
     servo_gain: Floats  # (B, 3) servo speed over command; 0 is seized, -1 reversed
     servo_lag: Floats  # (B,) delay from a command to the servos' motion, s
     gyro_noise: Floats  # (B,) standard deviation in each observation and axis, rad/s

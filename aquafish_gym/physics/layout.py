@@ -153,7 +153,7 @@ def robot_parameters(
 
     (25, B): for each fin width, length, thickness, mass, the three inertias and the scale of its
     drag; and that of the body's. ``drag`` is (2,) or (B, 2): of the fins, and of the body.
-    ``fin_density`` (B,) multiplies the fins' mass.
+    ``fin_density``, (B,) or (B, 3) for each fin, multiplies the fins' mass.
     """
     batch = len(morphologies)
     fins, body = np.asarray(drag, dtype=np.float64).T
@@ -162,7 +162,7 @@ def robot_parameters(
     rows = table[:-1].reshape(3, FIN_ROWS, batch).transpose(1, 0, 2)
     width, length, thickness, density = rows[:4]
     rows[:3] = morphologies.T[COLUMNS].transpose(1, 0, 2)
-    density[:] = fin_density
+    density[:] = np.asarray(fin_density).T
     rows[7] = fins
     # The three fins at once, and some robots: numbers that leave the cache take five times as long.
     for first in range(0, batch, 2000):

@@ -18,6 +18,7 @@ from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
 from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
+from eea.fish.material import ASSUMED, MATERIAL_CHANGE, OTHER_MATERIALS, Material
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
@@ -79,13 +80,14 @@ def fish_signal(
     fine: bool,
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
-    hull: float = 1.0,
+    material: Material | None = None,
 ) -> NDArray[np.floating]:
     """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.robot_model.Simulate``.
 
-    ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,).
-    ``hull`` is a factor on the hull's mass.
+    ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,). The
+    ``material`` is by default that of the engines.
     """
+    material = material or Material()
     start = None if windows is None else windows.start
     reactive = values[REACTIVE_WATER] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
@@ -96,7 +98,7 @@ def fish_signal(
                 fine,
                 simulator,
                 windows,
-                hull,
+                material,
             )
             for rows in (~reactive, reactive)
         ]
@@ -107,10 +109,7 @@ def fish_signal(
     bias = _columns(values, GYRO_BIAS)
     still = np.zeros((len(reactive), 3))
     fields = {
-        "body": _columns(values, SIZE_NAMES),
-        # A heavier hull moves as if all else weighed less and met less drag.
-        "drag": _columns(values, DRAG) / hull,
-        "fin_density": np.full(len(reactive), 1.0 / hull),
+        **material.fields(_columns(values, SIZE_NAMES), _columns(values, DRAG)),
         "servo_gain": gain * _columns(values, SERVO.values()),
         "servo_lag": values[LAG],
     }
@@ -168,12 +167,27 @@ def fish_discrepancy(
     left = simulator.substeps / finer.substeps
     step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
     heavier = (
-        (fish_signal(*robots, simulator, windows, HEAVIER_HULL) - now)
+        (fish_signal(*robots, simulator, windows, Material(hull=HEAVIER_HULL)) - now)
         * HULL_MASS_SD
         / (HEAVIER_HULL - 1.0)
     )
     turns = [np.cross(GYRO_MOUNTING_SD * axis, now) for axis in np.eye(3)]
     return np.stack([step, heavier, GYRO_SCALE_SD * now, *turns], axis=1)
+
+
+def assumed_differences(
+    values: Values,
+    inputs: NDArray[Any],
+    simulator: EngineSimulator,
+    windows: LogWindows | None = None,
+) -> Floats:
+    """Return the differences (B, 2, T, 3), rad/s, that one ``sd`` of each of ``ASSUMED`` makes."""
+    now = fish_signal(values, inputs, True, simulator, windows)
+    found = []
+    for other, assumed in zip(OTHER_MATERIALS, ASSUMED, strict=True):
+        changed = fish_signal(values, inputs, True, simulator, windows, other)
+        found.append((changed - now) * assumed.sd / MATERIAL_CHANGE)
+    return np.stack(found, axis=1)
 
 
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
@@ -187,6 +201,8 @@ def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Disc
         partial(fish_discrepancy, simulator=simulator, windows=windows),
         # The factors hold for trials from rest: they do not scale intervals from mid-swim.
         calibration if windows is None or not windows.begun else None,
+        ASSUMED,
+        partial(assumed_differences, simulator=simulator, windows=windows),
     )
 
 

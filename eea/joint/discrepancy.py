@@ -10,6 +10,9 @@ and A. O'Hagan, "Bayesian calibration of computer models", 2001)::
 with s the rms of f, R the correlation exp(-|t - t'| / duration) within an axis, and in the columns
 of D the known shapes, each as large as one standard deviation. All trials share these shapes.
 
+The numbers that a simulator assumes are further columns of D where the trials contradict them
+(:mod:`eea.joint.assumptions`).
+
 The search minimises the white misfit, which is exact inside the model. Here the normal equations
 are solved again at its optima with C instead of sigma^2 I, to first order: one step moves each
 optimum and widens its covariance.
@@ -21,16 +24,19 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE
-from eea.joint.problem import Discrepancy
+from eea.joint.problem import DifferenceShapes, Discrepancy
 from eea.joint.search import Optima
 from eea.statistics.information import scaled
 from eea.statistics.posterior import Mode
 
 
-def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
+def doubted(
+    optima: Optima, best: Optima, discrepancy: Discrepancy, contradicted: bool = False
+) -> list[Mode]:
     """Return the modes at the optima under the likelihood with model discrepancy.
 
-    ``best`` is the best fit of all hypotheses.
+    ``best`` is the best fit of all hypotheses. ``contradicted``: the numbers that the simulator
+    assumes are unknown, too.
     """
     regression = optima.regression
     misfit = regression.misfit(FINE)
@@ -49,12 +55,16 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         waves: Floats = bases[trial].transform(signals, axes) * weight[trial]
         return waves.reshape(len(signals), -1)
 
-    shapes = _shapes(optima, discrepancy)
+    shapes = differences(optima, discrepancy.shapes, optima.fits.theta)
+    if contradicted:
+        assumed = differences(optima, discrepancy.assumed_shapes, optima.fits.theta)
+        shapes = np.concatenate([shapes, assumed], axis=2)
     size = len(parameters)
     count = shapes.shape[2]
     level = best.sigma / float(np.sqrt((observed.weighted**2).sum()))
-    # The factors were measured on good fits.
-    calibration = discrepancy.calibration if best.goodness.good else None
+    # The factors were measured on good fits, of robots that are as assumed.
+    ordinary = best.goodness.good and not contradicted
+    calibration = discrepancy.calibration if ordinary else None
     modes = []
     for k, theta in enumerate(optima.fits.theta):
         normal = np.zeros((size + count, size + count))
@@ -88,17 +98,17 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     return modes
 
 
-def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
-    """Return the differences of known shape (S, E, K, axes T) at the optima."""
+def differences(optima: Optima, shapes: DifferenceShapes | None, theta: Floats) -> Floats:
+    """Return weighted differences of known shape (S, E, K, axes T) at vectors (S, P)."""
     regression = optima.regression
     parameters = regression.parameters
     observed = regression.observed
-    local = parameters.local(optima.fits.theta)  # (S, E, W)
-    if discrepancy.shapes is None:
+    local = parameters.local(theta)  # (S, E, W)
+    if shapes is None:
         return np.empty((*local.shape[:2], 0, observed.signal[0].size))
     values = parameters.values(local.reshape(-1, local.shape[-1]))
     inputs = np.concatenate([observed.inputs] * len(local))
-    found = discrepancy.shapes(values, inputs).swapaxes(2, 3)
+    found = shapes(values, inputs).swapaxes(2, 3)
     found = np.where(np.isfinite(found), found, 0.0)
     if observed.weight is not None:
         weights = np.concatenate([observed.weight] * len(local))

@@ -33,12 +33,17 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     return parameters.posterior(modes)
 
 
-def with_doubt(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
-    """Return the posterior if the simulator may be wrong, which a problem need not say."""
+def with_doubt(
+    inside: Posterior, optima: Optima, best: Optima, contradicted: bool = False
+) -> Posterior:
+    """Return the posterior if the simulator may be wrong, which a problem need not say.
+
+    ``contradicted``: so may the numbers that it assumes.
+    """
     discrepancy = optima.regression.parameters.robot.discrepancy
     if discrepancy is None:
         return inside
-    return replace(inside, modes=doubted(optima, best, discrepancy))
+    return replace(inside, modes=doubted(optima, best, discrepancy, contradicted))
 
 
 def log_prior_constant(parameters: Parameters) -> float:

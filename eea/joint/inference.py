@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, callback, choice, finite, instance
 from eea.core.config import FitConfig
+from eea.joint.assumptions import contradiction
 from eea.joint.evidence import log_prior_constant, mixture, with_doubt
 from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.initialization import pose
@@ -129,6 +130,9 @@ def fit(
     evidence += np.log([h.odds for h, _ in fitted])
     shares = np.exp(evidence - evidence.max())
     shares /= shares.sum()
+    # A log that no hypothesis explains says nothing of what its simulator assumes.
+    assumed = contradiction(best) if best.goodness.good else None
+    contradicted = assumed is not None and assumed.contradicted
     least = 0.0 if robot.whole else LEAST_PROBABILITY  # what if it is broken after all?
     branches = tuple(
         HypothesisPosterior(
@@ -136,7 +140,7 @@ def fit(
             float(shares[i]),
             fitted[i][1].regression.parameters,
             mixtures[i],
-            with_doubt(mixtures[i], fitted[i][1], best),
+            with_doubt(mixtures[i], fitted[i][1], best, contradicted),
         )
         for i in np.argsort(-shares, kind="stable")
         if shares[i] > least
@@ -155,6 +159,7 @@ def fit(
         0 if config.noise else observed.size,
         WarmStart(optima, frozenset(dropped), explained, counter.robots),
         observed.noise,
+        () if assumed is None else assumed.findings,
     )
 
 

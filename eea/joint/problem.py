@@ -141,6 +141,24 @@ Values = Mapping[str, Floats]  # by name, (B,) each, in natural units
 DifferenceShapes = Callable[[Values, Any], Floats]
 
 
+@dataclass(frozen=True)
+class Assumed:
+    """A number that a simulator assumes and no fit seeks, unless the trials contradict it."""
+
+    name: str  #: As in a sentence: "the density of the fins".
+    value: float  #: As assumed.
+    sd: float  #: How far it may be from that.
+    unit: str  #: "times water's".
+    about: str  #: What depends on it: "the thickness of the fins".
+
+    def __post_init__(self) -> None:
+        text("name", self.name)
+        real(f"value of {self.name}", self.value, -math.inf)
+        real(f"sd of {self.name}", self.sd, 1e-12)
+        text(f"unit of {self.name}", self.unit)
+        text(f"about of {self.name}", self.about)
+
+
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
     """Size and shape of a simulator's errors; see ``eea.joint.discrepancy``."""
@@ -152,6 +170,10 @@ class Discrepancy:
     #: Function that returns the differences of known shape, or None.
     shapes: DifferenceShapes | None = None
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
+    #: Numbers that become nuisances of the intervals where trials contradict them, and a function
+    #: that returns the difference that one ``sd`` of each makes.
+    assumed: tuple[Assumed, ...] = ()
+    assumed_shapes: DifferenceShapes | None = None
 
     def __post_init__(self) -> None:
         real("share", self.share, 0.0, 1.0)
@@ -159,6 +181,12 @@ class Discrepancy:
         callback("shapes", self.shapes)
         if self.calibration is not None:
             instance("calibration", self.calibration, Calibration)
+        object.__setattr__(self, "assumed", all_of("assumed", self.assumed, Assumed))
+        callback("assumed_shapes", self.assumed_shapes)
+        if bool(self.assumed) != (self.assumed_shapes is not None):
+            raise ConfigurationError(
+                "assumed and assumed_shapes must be given together; got one without the other"
+            )
 
 
 @dataclass(frozen=True, eq=False)

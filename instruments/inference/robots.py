@@ -33,6 +33,7 @@ DEFECTS = {
     "hull": Defects(hull=1.2),
     "double": Defects(hull=2.0),
     "servo": Defects(servo=0.1),
+    "dense": Defects(fin_density=2.0, friction=5.0),
 }
 SCALE, TURN, COLOUR = 1.03, np.radians(3.0), 0.9
 SETTLE = 100  # samples after which coloured noise has forgotten its beginning

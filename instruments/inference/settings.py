@@ -8,7 +8,7 @@ from typing import Literal
 Bodies = Literal["inner", "prior", "edge"]
 World = Literal[
     "plain", "other numbers", "prior", "reactive", "mujoco", "quarter", "law", "scale", "axes",
-    "exponent", "centre", "hull", "double", "servo", "coloured",
+    "exponent", "centre", "hull", "double", "servo", "coloured", "dense",
 ]  # fmt: skip
 
 
@@ -117,6 +117,7 @@ FOREIGN: dict[World, str] = {
     "double": "hull 100% heavier *",
     "servo": "servo time constant 0.1 s *",
     "coloured": "coloured noise, AR(1) of 0.9",
+    "dense": "fins twice as dense, skin friction x 5 *",
 }
 FOREIGN_SETTINGS = {
     f"{world}-{noise:g}": Setting(

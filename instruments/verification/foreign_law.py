@@ -23,7 +23,7 @@ from instruments.verification.surface import Surface
 Array = NDArray[np.float64]
 
 POINTS = 6  # along each side of each plate
-CAPSULE = 1  # MuJoCo's number of the base
+CAPSULE = 1  # MuJoCo's number of the base; those of the fins follow
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class Defects:
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: The hull's centre of mass, units.
     hull: float = 1.0  #: A factor on the hull's mass and inertia.
     servo: float = 0.0  #: Time constant of the servos' speed, s.
+    fin_density: float = 1.0  #: A factor on the mass and inertia of the fins.
+    friction: float = 1.0  #: A factor on the skin friction.
 
 
 def simulate_law(
@@ -46,10 +48,12 @@ def simulate_law(
     model.body_mass[CAPSULE] *= defects.hull
     model.body_inertia[CAPSULE] *= defects.hull
     model.body_ipos[CAPSULE] = defects.centre
+    model.body_mass[CAPSULE + 1 :] *= defects.fin_density
+    model.body_inertia[CAPSULE + 1 :] *= defects.fin_density
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     robot = robot_from_column(robot_parameters(np.asarray(body)[None])[:, 0])
-    surface = Surface(robot, POINTS, defects.exponent)
+    surface = Surface(robot, POINTS, defects.exponent, defects.friction)
     # The speed of a servo with time constant tau rises as 1 - exp(-t / tau).
     time = step * np.arange(steps * STEPS + 1)
     tau = defects.servo

@@ -136,8 +136,8 @@ def study(quick: bool = False) -> Report:
             unsettled.append(float(rest.max()))
             found[name] += _rows(reactive, x, speeds, strouhal)
         begun = [begun_swims(BODIES, reactive, a, fine) for a in AMPLITUDES]
-        for rows, beats in zip(found["from rest"], zip(*begun, strict=True), strict=True):
-            speeds, strouhal = (np.array(part) for part in zip(*beats, strict=True))
+        for rows, swims in zip(found["from rest"], zip(*begun, strict=True), strict=True):
+            speeds, strouhal = (np.array(part) for part in zip(*swims, strict=True))
             rows += _rows(reactive, AMPLITUDES, speeds, strouhal)
         for bias in BIASES:
             turns = turns_per_beat(

@@ -46,10 +46,15 @@ class Surface:
         Along each side of each plate; the capsule has six times as many strips.
     exponent
         The power of speed that drag is proportional to; the law's is 2.
+    friction
+        A factor on the law's skin friction.
     """
 
-    def __init__(self, robot: Robot, points: int = 12, exponent: float = 2.0) -> None:
+    def __init__(
+        self, robot: Robot, points: int = 12, exponent: float = 2.0, friction: float = 1.0
+    ) -> None:
         self._power = exponent - 1.0
+        self._friction = friction * SKIN_FRICTION
         self._fins = []
         for i, fin in enumerate(robot[:3]):
             plates = [
@@ -96,7 +101,7 @@ class Surface:
         e, area = np.concatenate(faces), np.concatenate(sizes)
         normal = (v * e).sum(axis=1, keepdims=True) * e
         speed = (v * v).sum(axis=1) ** (0.5 * self._power)
-        law = NORMAL_DRAG * normal + 2 * SKIN_FRICTION * (v - normal)
+        law = NORMAL_DRAG * normal + 2 * self._friction * (v - normal)
         force = -0.5 * DENSITY * (area * speed)[:, None] * law
         total, torque = force.sum(axis=0), _moment(at, force).sum(axis=0)
 
@@ -109,7 +114,7 @@ class Surface:
         total, torque = total + force.sum(axis=0), torque + _moment(at, force).sum(axis=0)
         axial = 0.5 * DENSITY * AXIAL_DRAG * math.pi * RADIUS**2
         total[1] -= axial * abs(velocity[1]) ** self._power * velocity[1]
-        rolling = 0.5 * DENSITY * SKIN_FRICTION * ROLL_AREA
+        rolling = 0.5 * DENSITY * self._friction * ROLL_AREA
         torque[1] -= rolling * abs(spin[1]) ** self._power * spin[1]
         return total, torque
 
