@@ -12,7 +12,10 @@ from eea.joint.problem import Hypothesis
 from eea.joint.robot_model import RobotModel
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
-LEAST_STATED_PROBABILITY = 0.05  # less probable hypotheses, and sets of sizes, have no sentence
+# Less probable hypotheses, and sets of sizes, have no sentence. Of a robot with parts the nominal
+# one has none either, so that its alternatives are the only sign of doubt.
+LEAST_STATED_PROBABILITY = 0.05
+LEAST_STATED_PROBABILITY_WITH_PARTS = 0.01
 # Hypotheses whose costs differ by less fit alike. A missing part has three sizes fewer to fit noise
 # with: this raises the cost by less in 99% of cases.
 EQUAL_FIT_COST = 5.7
@@ -55,7 +58,8 @@ def faults(fits: Sequence[Fit], robot: RobotModel) -> list[str]:
     nominal hypothesis is no sentence, but may be alike.
     """
     parts = bool(robot.parts)
-    likely = [f for f in fits if f.probability >= LEAST_STATED_PROBABILITY]
+    least = LEAST_STATED_PROBABILITY_WITH_PARTS if parts else LEAST_STATED_PROBABILITY
+    likely = [f for f in fits if f.probability > least]
     causes = [f for f in likely if f.hypothesis.name != robot.nominal.name]
     nominal = [f for f in fits if f.hypothesis.name == robot.nominal.name]
     alike = [f for f in causes if f.excess < EQUAL_FIT_COST and (f.hypothesis.part or not parts)]
