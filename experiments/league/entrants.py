@@ -186,7 +186,7 @@ ENTRANTS: dict[str, Entry] = {
     "PPO, fins": _gait(0),
     "RMA": _rma(*range(SEEDS)),
     "RMA, any water": _rma(ANY_WATER),
-    "told teacher": Entry(
+    "oracle, teacher alone": Entry(
         lambda **known: ToldTeacher(config=AgentConfig(**known)),
         lambda: _sum(_library(0), _teachers()),
         4.0,

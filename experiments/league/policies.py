@@ -3,10 +3,10 @@
     python -m experiments.league.policies --out out/policies
 
 A teacher learns by PPO and is told what broke (``teachers``); a student then estimates what its
-teacher is told (``students``). Three pairs, with other seeds, learn in the league's own water with
-the league's own damage; ``any-water`` in random water, half of the time without knowing the initial
-fin angles. A teacher takes 14 minutes on one core, and a student 8. Several commands may train
-different ones in one folder at the same time.
+teacher is told (``students``). ``SEEDS`` pairs learn in the league's own water with its own damage;
+``any-water`` in random water, half of the time without knowing the initial fin angles. A teacher
+takes 14 minutes on one core, and a student 8. Several commands may train different ones in one
+folder at the same time.
 
 The same command resumes at the last round. ``teacher-0.json`` and ``teacher-any-water.json`` are
 packaged as ``aquafish/online/teacher.json`` and ``teacher_any_water.json``, the students as
