@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from aquafish.online.gaits import load_library
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.physics.arithmetic import TAU, sine_cosine
+from aquafish_gym.physics.compiling import compiled
 from aquafish_gym.physics.layout import FIELDS, LEFT, RATES
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.sense import up_and_north
@@ -61,6 +62,13 @@ SENSED = 17  # the first inputs, which are those of the library's first gait
 #: course in rad, and the phase of the clock in rad.
 NUMBER_SCALES: Floats = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 0.5])
 _FIN_ROWS = [row + at for row in range(LEFT, RATES, 2) for at in (1, 0)]  # sine, then cosine
+#: What a layer makes of its sums.
+LINEAR, HYPERBOLIC_TANGENT, EXPONENTIAL_LINEAR = 0, 1, 2
+# Singles, so that compiled code computes with nothing else.
+_ZERO, _HALF, _ONE, _EIGHTH = (np.float32(x) for x in (0.0, 0.5, 1.0, 0.125))
+_TANH_LIMIT = np.float32(9.0)  # 1 - tanh(9) = 3e-8
+_N1, _N2, _N3 = (np.float32(x / 135135) for x in (17325, 378, 1))
+_D1, _D2, _D3 = (np.float32(x / 135135) for x in (62370, 3150, 28))
 _LARGEST_WEIGHT = float(np.finfo(np.float16).max)
 
 
@@ -233,13 +241,14 @@ class TeacherNetwork:
         self.clock_step: Floats = TAU * CLOCK * INTERVAL * TIMESTEP * np.exp(changes[:, 3])
         self._turn = _turns(changes[:, 4:6])
         self.phase: Floats = changes[:, 6].copy()  #: (P,) of the clock at the next action, rad.
-        nodes = sum(len(matrix) for matrix in self._gait[:-1])
+        nodes = sum(weights.shape[1] for weights in self._gait[:-1])
         self._values = np.ones((self._SENSED.stop + nodes, count), np.float32)
         self._values[self._PREVIOUS] = previous[:, None]
         self._hidden = [np.ones((n + 1, count), np.float32) for n in (128, 64)]
-        self._parts = [np.empty((n, count), np.float32) for n in (128, 64)]
-        self._last = np.hstack([self._weights["w2"], self._weights["b2"][:, None]])
-        self._middle = np.hstack([self._weights["w1"], self._weights["b1"][:, None]])
+        self._middle, self._last = (
+            _transposed(np.hstack([self._weights[f"w{i}"], self._weights[f"b{i}"][:, None]]))
+            for i in (1, 2)
+        )
         self.inform(robot)
 
     def inform(self, robot: Scenario) -> None:
@@ -247,9 +256,11 @@ class TeacherNetwork:
         sizes = robot.body[0] / Morphology.nominal().to_array() - 1.0
         broken = np.concatenate([sizes, robot.servo_gain[0] - 1.0]).astype(np.float32)
         w0 = self._weights["w0"]
-        known = self._weights["b0"] + w0[:, -PRIVILEGED:] @ broken
+        known = np.empty((len(w0), 1), np.float32)
+        _respond(_transposed(w0[:, -PRIVILEGED:]), broken[:, None], known, LINEAR)
+        known += self._weights["b0"][:, None]
         sensed, previous, base = np.split(w0[:, :-PRIVILEGED], (SENSED, SENSED + 3), axis=1)
-        self._first = np.hstack([base, previous, known[:, None], sensed])
+        self._first = _transposed(np.hstack([base, previous, known, sensed]))
 
     def act(self, states: NDArray[np.floating]) -> Singles:
         """Return the next actions (3, P), in [-1, 1], in states (25, P); a view of its memory."""
@@ -257,32 +268,23 @@ class TeacherNetwork:
         turned = np.einsum("ijp,jp->ip", self._turn, states[FIELDS["orientation"]])
         up, north = up_and_north(tuple(turned))
         observe_imu(values, self._SENSED.start, up, north, tuple(states[FIELDS["spin"]]))
-        np.sin(self.phase, out=values[self._CLOCK])
-        np.cos(self.phase, out=values[self._CLOCK + 1])
+        values[self._CLOCK], values[self._CLOCK + 1] = sine_cosine(self.phase / TAU)
         self.phase += self.clock_step
         values[self._FINS] = states[_FIN_ROWS]
         end = self._SENSED.stop
-        for matrix in self._gait[:-1]:
-            nodes = values[end : end + len(matrix)]
-            np.matmul(matrix, values[self._ONE : end], out=nodes)
-            np.tanh(nodes, out=nodes)
-            end += len(matrix)
+        for weights in self._gait[:-1]:
+            nodes = values[end : end + weights.shape[1]]
+            _respond(weights, values[self._ONE : end], nodes, HYPERBOLIC_TANGENT)
+            end += len(nodes)
         base = values[self._BASE]
-        np.matmul(self._gait[-1], values[self._ONE : end], out=base)
+        _respond(self._gait[-1], values[self._ONE : end], base, LINEAR)
         np.clip(base, -1.0, 1.0, out=base)
         below = values[: self._SENSED.stop]
-        for matrix, hidden, part in zip(
-            (self._first, self._middle), self._hidden, self._parts, strict=True
-        ):
-            nodes = hidden[:-1]
-            np.matmul(matrix, below, out=nodes)
-            np.minimum(nodes, 0.0, out=part)  # the exponential linear unit
-            np.expm1(part, out=part)
-            np.maximum(nodes, 0.0, out=nodes)
-            nodes += part
+        for weights, hidden in zip((self._first, self._middle), self._hidden, strict=True):
+            _respond(weights, below, hidden[:-1], EXPONENTIAL_LINEAR)
             below = hidden
         action = values[self._PREVIOUS]
-        np.matmul(self._last, below, out=action)
+        _respond(self._last, below, action, LINEAR)
         action += self._offset
         return np.clip(action, -1.0, 1.0, out=action)
 
@@ -294,9 +296,53 @@ class TeacherNetwork:
         return other
 
 
+@functools.partial(compiled, error_model="numpy")
+def _tanh(z: Any) -> Any:
+    """Return tanh z in single precision: the Pade approximant [7/6] of tanh(z / 8), doubled thrice.
+
+    See :func:`gait.controllers.network.tanh`.
+    """
+    y = min(max(z, -_TANH_LIMIT), _TANH_LIMIT) * _EIGHTH
+    q = y * y
+    n = y * (_ONE + q * (_N1 + q * (_N2 + q * _N3)))
+    d = _ONE + q * (_D1 + q * (_D2 + q * _D3))
+    for _ in range(3):
+        n, d = n * d + n * d, d * d + n * n
+    return n / d
+
+
+@functools.partial(compiled, error_model="numpy")
+def _respond(weights: Singles, values: Singles, nodes: Singles, kind: int) -> None:
+    """Put into ``nodes`` (N, P) what a layer of weights (M, N) makes of ``values`` (M, P).
+
+    Each sum is taken in the order of the M values, and no function of a mathematical library is
+    called: so the numbers are the same on every processor.
+    """
+    sums = np.empty(weights.shape[1], np.float32)
+    for p in range(values.shape[1]):
+        sums[:] = _ZERO
+        for i in range(values.shape[0]):
+            value = values[i, p]
+            row = weights[i]
+            for j in range(sums.size):
+                sums[j] += row[j] * value
+        if kind == HYPERBOLIC_TANGENT:
+            for j in range(sums.size):
+                sums[j] = _tanh(sums[j])
+        elif kind == EXPONENTIAL_LINEAR:  # exp(z) - 1 = 2 t / (1 - t), where t = tanh(z / 2)
+            for j in range(sums.size):
+                t = _tanh(_HALF * min(sums[j], _ZERO))
+                sums[j] = max(sums[j], _ZERO) + (t + t) / (_ONE - t)
+        nodes[:, p] = sums
+
+
+def _transposed(matrix: Singles) -> Singles:
+    return np.ascontiguousarray(matrix.T)
+
+
 @functools.cache
 def _gait_matrices() -> list[Singles]:
-    return dense_layers(load_library()[0])
+    return [_transposed(matrix) for matrix in dense_layers(load_library()[0])]
 
 
 def dense_layers(gait: Controller) -> list[Singles]:

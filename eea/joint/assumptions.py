@@ -99,7 +99,8 @@ def contradiction(optima: Optima) -> Contradiction | None:
     along = vectors.T @ slope
     square = float((along[told] ** 2 / values[told]).sum())
     p = float(chdtrc(int(told.sum()), square)) if told.any() else 1.0
-    covariance = np.linalg.inv(left + np.eye(len(left)))
+    # Where nearly nothing is left, rounding may leave less than nothing.
+    covariance = (vectors / (np.maximum(values, 0.0) + 1.0)) @ vectors.T
     sds = np.array([one.sd for one in discrepancy.assumed])
     means = np.array([one.value for one in discrepancy.assumed])
     return Contradiction(

@@ -60,6 +60,9 @@ class League:
     """Let entrants play the same episodes, in which something breaks while they swim."""
 
     example: ClassVar[str] = "--entrants self-model blind --episodes 5 --out out/league"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "entrants", "tiers", "episodes", "seeds", "task", "water", "sensing", "workers",
+    )  # fmt: skip
 
     out: Out = Path("out/league")
     entrants: Annotated[

@@ -20,7 +20,7 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.command import SCHEMA, League
-from experiments.league.entrants import ENTRANTS, _learned
+from experiments.league.entrants import ENTRANTS, _rma
 from experiments.league.episodes import (
     HELD_OUT,
     SEEDS,
@@ -30,6 +30,7 @@ from experiments.league.episodes import (
     episode_numbers,
     play,
 )
+from experiments.league.policy import ANY_WATER
 from experiments.league.statistics import (
     HORIZON,
     after_onset,
@@ -314,11 +315,14 @@ def test_skin_friction_and_density_are_all_that_dense_water_differs_in() -> None
 
 def test_an_entrant_may_have_several_seeds_of_training() -> None:
     """Episode i is played by the (i mod N)-th."""
-    names = ("plain", "frames")
-    entry = _learned(*names)
-    frames = [entry.make(seed=number)._policy.frames for number in range(4)]  # type: ignore[attr-defined]
-    assert frames == [1, 8, 1, 8]
-    assert entry.offline.seconds == sum(_learned(name).offline.seconds for name in names)
+    twins = (0, ANY_WATER)
+    entry = _rma(*twins)
+    known, other, again = (entry.make(seed=number)._student.weights for number in range(3))  # type: ignore[attr-defined]
+    assert (known["mix_w"] == again["mix_w"]).all()
+    assert (known["mix_w"] != other["mix_w"]).any()
+    alone = [_rma(twin).offline.seconds for twin in twins]
+    gait = ENTRANTS["PPO, fins"].offline.seconds
+    assert entry.offline.seconds == pytest.approx(sum(alone) - gait, abs=0.2)
 
 
 def test_the_oracle_refines_when_calibrated_and_after_the_damage() -> None:

@@ -192,10 +192,13 @@ ROWS = [
     ),
     Call(
         Discrepancy,
-        {"share": 0.01, "duration": 20.0, "shapes": None, "calibration": None},
+        {
+            "share": 0.01, "duration": 20.0, "shapes": None, "calibration": None, "assumed": (),
+            "assumed_shapes": None,
+        },
         options(
             share="fraction", duration="fraction, big", shapes=f"none, {CALLABLE}",
-            calibration="none",
+            calibration="none", assumed="empty list", assumed_shapes="none",
         ),
     ),
     Call(Calibration, {"levels": (0.01, 0.1), "rows": ((0.8, 0.9), (1.0, 0.7))}),
