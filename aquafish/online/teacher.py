@@ -63,7 +63,9 @@ SENSED = 17  # the first inputs, which are those of the library's first gait
 NUMBER_SCALES: Floats = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 0.5])
 _FIN_ROWS = [row + at for row in range(LEFT, RATES, 2) for at in (1, 0)]  # sine, then cosine
 #: What a layer makes of its sums.
-LINEAR, HYPERBOLIC_TANGENT, EXPONENTIAL_LINEAR = 0, 1, 2
+LINEAR = 0
+HYPERBOLIC_TANGENT = 1
+EXPONENTIAL_LINEAR = 2
 # Singles, so that compiled code computes with nothing else.
 _ZERO, _HALF, _ONE, _EIGHTH = (np.float32(x) for x in (0.0, 0.5, 1.0, 0.125))
 _TANH_LIMIT = np.float32(9.0)  # 1 - tanh(9) = 3e-8
