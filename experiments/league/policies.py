@@ -131,7 +131,8 @@ class Training:
         if self.name.startswith("teacher"):
             Teacher(weights, offline._asdict(), curve).save(self.file)
         else:
-            Student(self.teacher(), weights, offline, curve).save(self.file)
+            copy = Teacher(self.module.acting(state["learned"]), self.teacher().offline)
+            Student(copy, weights, offline, curve).save(self.file)
 
 
 @dataclass(frozen=True)

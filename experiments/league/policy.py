@@ -103,7 +103,7 @@ class Student:
     Attributes
     ----------
     teacher
-        A copy of it acts on the estimates.
+        The student's copy of it, which acts on the estimates and has learned with the student.
     weights
         Arrays of the shapes in ``SHAPES``.
     offline

@@ -36,6 +36,7 @@ NOISY_EVERY = 4  # one robot of so many
 ACTION_NOISE = 0.15
 SIZE_SCALE = 0.4
 GAIN_SCALE = 0.6
+LETTERS = (("w", "weight"), ("b", "bias"))
 TEST_ONSET = 20.0  # s
 TEST_SECONDS = 60.0
 
@@ -213,6 +214,12 @@ def weights(learned: dict[str, Any]) -> dict[str, Numbers]:
         "mix_w": "mix.weight", "mix_b": "mix.bias",
         "estimate_w": "estimate.weight", "estimate_b": "estimate.bias",
     }  # fmt: skip
+    return {name: learned["student"][key].detach().numpy().copy() for name, key in names.items()}
+
+
+def acting(learned: dict[str, Any]) -> dict[str, Numbers]:
+    """Return the arrays of the student's copy of its teacher, which has learned with it."""
+    names = {f"{kind}{i}": f"teacher.{2 * i}.{word}" for i in range(3) for kind, word in LETTERS}
     return {name: learned["student"][key].detach().numpy().copy() for name, key in names.items()}
 
 

@@ -194,12 +194,15 @@ def test_numpy_evaluates_a_student_as_torch_does() -> None:
 
     torch = teachers.torch
     teacher = teachers.weights(teachers.learn_round(teachers.Plan(), 0, None, None))
+    learned = students.learn_round(students.Plan(), 0, teacher, None)
     with torch.random.fork_rng():
         torch.manual_seed(3)
-        net = students.Student(teachers.actor(teacher))
-        torch.nn.init.normal_(net.estimate.weight, std=0.1)
-    found = students.weights({"student": net.state_dict()})
-    agent = StudentAgent(Student(Teacher(teacher, Offline()._asdict()), found, Offline()))
+        torch.nn.init.normal_(learned["student"]["estimate.weight"], std=0.1)
+    net = students.Student(teachers.actor(teacher))
+    net.load_state_dict(learned["student"])
+    copy = Teacher(students.acting(learned), Offline()._asdict())
+    assert (copy.weights["w1"] != teacher["w1"]).any()
+    agent = StudentAgent(Student(copy, students.weights(learned), Offline()))
     robots = TrainingRobots(1, Conditions(noise=0.01), 5)
     robots.start()
     agent.begin(robots._reckoned.fin_angles[0])
