@@ -48,6 +48,9 @@ class Case:
     due: list[int]  #: Numbers of observations from the alarm on with which to infer again.
     #: The case of an alarm shortly before, whose fault may have been inferred wrongly.
     earlier: Case | None = None
+    #: Whether it may also have broken just after the alarm: a lost sensor is observed at the end of
+    #: an action, and a fin that broke with it moves the robot from the next one on.
+    later: bool = False
 
     def settled(self, step: int) -> bool:
         """Whether an alarm at a step means another fault rather than a wrong belief."""
@@ -61,13 +64,14 @@ class Case:
         return due
 
     def look_back(self) -> None:
-        """Let it have broken earlier: a mild fault takes a second to raise an alarm."""
+        """Let it have broken at other times: a mild fault takes a second to raise an alarm."""
+        self.later = True
         self.first = min(self.first, max(self.step - 1 - LONGEST_DELAY_ACTIONS, 0))
 
     @property
     def _starts(self) -> int:
         """The number of states at which it may have broken."""
-        return self.step - self.first
+        return self.step - self.first + self.later
 
     @property
     def inferences(self) -> int:

@@ -127,6 +127,15 @@ def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: fl
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
 
 
+def test_a_fin_and_a_sensor_that_break_at_once_are_both_named() -> None:
+    """The sensor is lost in the observation that ends an action, the fin in the next action."""
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, info, _ = swim("gyro:noise=0.01; caudal:missing@15; north_y:dropped@15", 95, noisy)
+    assert agent.events[-1].about == "caudal:missing; north_y:dropped"
+    assert "unknown" not in whats(agent)
+    np.testing.assert_array_equal(agent.model.robot.body[0], info["morphology"])
+
+
 def test_damage_from_the_start_is_found_after_two_seconds() -> None:
     noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     agent, info, _ = swim("gyro:noise=0.01; left_pectoral:missing; caudal:weak=0.6", 30, noisy)
