@@ -4,16 +4,23 @@
 
 Every entrant plays the same episodes of AquaFishRecovery-v0, which last 60 s, without a reset. In
 the tiers severe, moderate and mild something random breaks between 15 and 30 s; held-out has 26
-frozen damages, of which --episodes 130 plays each five times; in none nothing breaks. With --task
-return they play AquaFishReturn-v0, of which the table has the share of successes. An agent of your
-own enters as a class with ``begin(fin_angles)`` and ``act(observation)``: add it to ``ENTRANTS``.
+frozen damages, of which --episodes 130 plays each five times; in none nothing breaks. Other tiers
+have faults that begin early, three at once, a current that begins, and faults that the agent has no
+words for. With --task return they play AquaFishReturn-v0, of which the table has the share of
+successes. An agent of your own enters as a class with ``begin(fin_angles)`` and
+``act(observation)``: add it to ``ENTRANTS``.
 
-DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, blind.md, gain.md,
-pace.png and a file for each episode. The same command resumes. blind.md has each entrant's gain
-over *blind* in the same episodes: what recognising is worth; of the return, how often each returns
-where blind does not, and the reverse. gain.md, which the return lacks, has the self-model's gain
-over each entrant, and how often each regains its pace. ``experiments.league.whole`` plays all
-tables.
+DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, pace.png, a file for each episode,
+and tables. The same command resumes.
+
+- table.md: the ways, and what was spent before the first episode; of the return, the successes.
+- blind.md: each entrant's gain over *blind* in the same episodes, which is what recognising is
+  worth; of the return, how often each returns where blind does not, and the reverse.
+- gain.md, which the return lacks: the self-model's gain over each entrant, and how often each
+  regains its pace.
+- recognition.md: how often and how soon the self-model knew what broke.
+
+``experiments.league.whole`` plays all tables.
 """
 
 from __future__ import annotations
@@ -42,10 +49,19 @@ from experiments.league.episodes import (
     Seeds,
     Sensing,
     Task,
+    count_damages,
     episode_numbers,
     play,
 )
-from experiments.league.statistics import Result, pace_figure, summary
+from experiments.league.statistics import (
+    Result,
+    interval,
+    pace,
+    pace_figure,
+    recognition,
+    share,
+    summary,
+)
 from experiments.league.waters import Water
 from experiments.tables import do_table, markdown
 
@@ -138,7 +154,7 @@ class League:
         }
         rows = do_table(
             jobs, play, self.out, "a league", settings, partial(self._tabulate, jobs),
-            self.workers, ("league.json", "blind.md", "gain.md", "pace.png"),
+            self.workers, ("league.json", "blind.md", "gain.md", "recognition.md", "pace.png"),
             lambda missing: play(missing[0]),  # compiles for all
             self.scheduler,
         )  # fmt: skip
@@ -155,7 +171,7 @@ class League:
             entrant: {
                 tier: summary(
                     played[entrant, tier],
-                    len(TIERS[tier]),
+                    count_damages(tier),
                     {
                         other: played[other, tier]
                         for other in (BLIND, HERO, ORACLE)
@@ -169,6 +185,9 @@ class League:
         }
         write_document(self.out / "league.json", league, SCHEMA)
         save_figure(pace_figure(played, self.entrants, self.tiers), self.out / "pace.png")
+        if HERO in self.entrants:
+            found = markdown(self._recognition(played))
+            write_bytes(self.out / "recognition.md", found.encode())
         if self.task == "return":
             write_bytes(self.out / "blind.md", markdown(self._alone(league)).encode())
             return self._returns(league)
@@ -240,6 +259,35 @@ class League:
                 for one in found
             ]
             rows.append([entrant, *(_gain(one, BLIND) for one in found), *counts])
+        return rows
+
+    def _recognition(self, played: Mapping[tuple[str, str], list[Result]]) -> list[list[str]]:
+        """Return how well and how soon the self-model knew what broke, a tier a row."""
+        rows = [
+            [
+                "tier", "pace, units/s", "pace, of the oracle's", "right", "after one alarm",
+                "fins named", "unknown", "changed, s", "refined, s",
+            ]
+        ]  # fmt: skip
+        for tier in self.tiers:
+            results = played[HERO, tier]
+            found = recognition(results)
+            oracle = played.get((ORACLE, tier))
+            part = None if oracle is None else share(results, oracle)
+            counts = [
+                f"{found[name]} of {found['episodes']}"
+                for name in ("right", "at_once", "named_fins", "unknown")
+            ]
+            waits = [found[name] for name in ("changed", "refined")]
+            rows.append(
+                [
+                    tier,
+                    _interval(interval([pace(r) for r in results], count_damages(tier), 0.0), 3),
+                    "-" if part is None else _interval(part, 3),
+                    *counts,
+                    *("-" if wait is None else f"{wait:.1f}" for wait in waits),
+                ]
+            )
         return rows
 
     def _gains(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:

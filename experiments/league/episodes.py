@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -11,9 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import aquafish_gym  # noqa: F401  registers the environments
+from aquafish.online.agent import SelfModelAgent
+from aquafish.online.recognition import alike
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.validation import InvalidArgumentError
+from experiments.league.draws import (
+    OUTSIDE,
+    BeginningCurrent,
+    Draw,
+    beginning_current,
+    three_faults,
+)
 from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
 from experiments.league.policy import DT
 from experiments.league.waters import Water, engine_of
@@ -69,13 +79,27 @@ UNKNOWN = (
     "caudal:length=0.2@16.0+10.0; caudal:length=0.6@26.0",
 )
 HELD_OUT = (*DRAWN, *IN_A_ROW, *ENDING, *UNKNOWN)
-TIERS: dict[str, tuple[str, ...]] = {
+CURRENT_BEGINS = "current begins"
+#: What breaks in each tier: some damages in turn, or one drawn for each episode. The damages of
+#: "early" are those of "after 15 s" in the episodes of the same numbers.
+TIERS: dict[str, tuple[str, ...] | Draw] = {
     "severe": ("random:severe@15-30",),
     "moderate": ("random:moderate@15-30",),
     "mild": ("random:mild@15-30",),
     "held-out": HELD_OUT,
     "none": ("",),
+    "early": ("random:severe@1-9",),
+    "after 15 s": ("random:severe@15-16",),
+    CURRENT_BEGINS: ("",),
+    "three faults": three_faults,
+    **OUTSIDE,
 }
+
+
+def count_damages(tier: str) -> int:
+    """Return the number of a tier's damages, which its episodes have in turn."""
+    damages = TIERS[tier]
+    return 1 if callable(damages) else len(damages)
 
 
 @dataclass(frozen=True)
@@ -111,7 +135,13 @@ class Episode:
         if self.sensing == "gyroscope":
             faults += [f"{channel}:dropped" for channel in CHANNELS[:6]]
         damages = TIERS[self.tier]
-        return "; ".join(filter(None, [*faults, damages[self.number % len(damages)]]))
+        damage = damages(self.rng) if callable(damages) else damages[self.number % len(damages)]
+        return "; ".join(filter(None, [*faults, damage]))
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """The generator from which what its tier alone has is drawn."""
+        return np.random.default_rng([self.number, *self.tier.encode()])
 
 
 def episode_numbers(seeds: Seeds, first: int, count: int) -> list[int]:
@@ -135,7 +165,8 @@ def play(episode: Episode) -> dict[str, Any]:
     """Play an episode; return the way along +y after each action, and what the agent noticed.
 
     The way is relative to the water's mean velocity; in the return it is over the ground, and
-    ``success`` says whether the line was reached. The CPU time is the agent's.
+    ``success`` says whether the line was reached. ``belief`` is what an agent with a self-model
+    believes at the end; see :func:`_belief`. The CPU time is the agent's.
     """
     rng = np.random.default_rng(episode.number)
     current = 0.2 * rng.random() * _direction(rng) if episode.water == "current" else np.zeros(3)
@@ -143,6 +174,11 @@ def play(episode: Episode) -> dict[str, Any]:
     options: dict[str, Any] = {"current": tuple(current.tolist())}
     if episode.seconds != SECONDS:
         options["task"] = SwimForward(seconds=episode.seconds)
+    onsets = list[int]()
+    begins: BeginningCurrent | None = None
+    if episode.tier == CURRENT_BEGINS:
+        begins = options["task"] = beginning_current(episode.rng)
+        onsets.append(math.ceil(begins.onset / DT - 1e-9))
     env = gym.make(
         IDS[episode.task],
         damage=episode.damage or None,
@@ -160,7 +196,6 @@ def play(episode: Episode) -> dict[str, Any]:
     agent.begin(info["fin_angles"] if episode.sensing == "fins" else None)
     measure = getattr(agent, "measure", None)
     truth = _truth(info)
-    onsets = list[int]()
     way = [0.0]
     spent = [0.0]
 
@@ -171,7 +206,10 @@ def play(episode: Episode) -> dict[str, Any]:
         return action
 
     for step in transitions(env, act, observation):
-        way.append(float(step.info["y_position"]) - DT * len(way) * current[1])
+        drifted = DT * len(way) * current[1]
+        if begins is not None:
+            drifted += DT * max(0, len(way) - onsets[0]) * begins.flow[1]
+        way.append(float(step.info["y_position"]) - drifted)
         if measure is not None:
             measure(way[-1])
         if _truth(step.info) != truth:
@@ -181,14 +219,30 @@ def play(episode: Episode) -> dict[str, Any]:
                 agent.learn(step.info)
     env.close()
     success = {"success": step.info["is_success"]} if "is_success" in step.info else {}
+    belief = {"belief": _belief(agent, step.info)} if isinstance(agent, SelfModelAgent) else {}
+    if begins is not None:
+        success["flow"] = begins.flow
     return {
         "onsets": onsets,
         "diverged": step.info["diverged"],
         **success,
+        **belief,
         "way": [round(y, 6) for y in way],
         "events": [list(event[:3]) for event in getattr(agent, "events", [])],
         "seconds": {"cpu": sum(spent), "slowest": max(spent)},
     }
+
+
+def _belief(agent: SelfModelAgent, info: dict[str, Any]) -> dict[str, Any]:
+    """Return whether an agent knows what its robot is, and the current that it named last.
+
+    It knows it if its robot and the true one need no different gaits; see ``alike``.
+    """
+    robot = agent.model.robot
+    body = np.asarray(info["morphology"])[None]
+    truth = replace(robot, body=body, servo_gain=np.asarray(info["servo_gain"])[None])
+    current = () if agent.recognised is None else agent.recognised.current
+    return {"alike": alike(robot, truth), "current": list(current)}
 
 
 def _truth(info: dict[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
+from aquafish_gym.morphology import FINS
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
 from experiments.league.policy import DT
@@ -22,6 +23,7 @@ SUCCESS = 0.8  # of them
 WINDOW = round(5.0 / DT)  # actions over which a pace is taken at least
 HORIZON = 30.0  # s after the onset, which every episode has; recovery times are censored there
 FAR = 1.0  # units: an oracle that makes less cannot be compared with
+CURRENT_ERROR = 0.03  # units/s, of a current that is named
 RESAMPLES = 2000
 COLOURS = 10  # of lines, before they are dashed
 
@@ -54,6 +56,67 @@ def interval(
     means = trim_mean(table[np.concatenate(drawn, axis=1)], trimmed, axis=1)
     low, high = np.quantile(means, (0.025, 0.975)).tolist()
     return float(trim_mean(table, trimmed)), low, high
+
+
+def share(results: Sequence[Result], others: Sequence[Result]) -> tuple[float, float, float]:
+    """Return the mean pace after the onset as a share of another's, with its 95% interval.
+
+    The bootstrap resamples the pairs.
+    """
+    table = np.array(
+        [[pace(mine), pace(other)] for mine, other in zip(results, others, strict=True)]
+    )
+    rng = np.random.default_rng(0)
+    means = table[rng.integers(len(table), size=(RESAMPLES, len(table)))].mean(axis=1)
+    low, high = np.quantile(means[:, 0] / means[:, 1], (0.025, 0.975)).tolist()
+    mine, other = table.mean(axis=0).tolist()
+    return mine / other, low, high
+
+
+def pace(result: Result) -> float:
+    """Return the way after the onset by the seconds that were left, units/s."""
+    left = len(result["way"]) - 1 - int((result["onsets"] or [0])[0])
+    return after_onset(result) / (DT * left)
+
+
+def recognition(results: Sequence[Result]) -> dict[str, Any]:
+    """Return how soon and how well an agent with a self-model knew what broke in a tier.
+
+    ``right`` of ``episodes`` end with a belief that needs no other gait than the truth, and with a
+    current named within ``CURRENT_ERROR`` if one began; ``at_once`` of them after one alarm.
+    ``named_fins`` have an inference that names a fault of a fin, ``unknown`` the answer "unknown".
+    ``changed`` and ``refined`` are the median times in s from the onset to the first gait that was
+    chosen, and to the first that was refined; None if never.
+    """
+    found: dict[str, Any] = {"episodes": len(results)}
+    right = [_is_right(result) for result in results]
+    events = [[e for e in r["events"] if e[0] > DT * (r["onsets"] or [0])[0]] for r in results]
+    alarms = [sum(event[1] == "alarm" for event in some) for some in events]
+    found["right"] = sum(right)
+    found["at_once"] = sum(r and count <= 1 for r, count in zip(right, alarms, strict=True))
+    found["named_fins"] = sum(
+        any(event[1] == "inferred" and any(fin in event[2] for fin in FINS) for event in some)
+        for some in events
+    )
+    found["unknown"] = sum(any(event[1] == "unknown" for event in some) for some in events)
+    for name, what in (("changed", "chose"), ("refined", "refined")):
+        waits = [
+            next(event[0] for event in some if event[1] == what) - DT * r["onsets"][0]
+            for r, some in zip(results, events, strict=True)
+            if r["onsets"] and any(event[1] == what for event in some)
+        ]
+        found[name] = float(np.median(waits)) if waits else None
+    return found
+
+
+def _is_right(result: Result) -> bool:
+    belief = result["belief"]
+    if "flow" not in result:
+        return bool(belief["alike"])
+    if not belief["current"]:
+        return False
+    error = np.subtract(belief["current"], result["flow"])
+    return bool(belief["alike"] and np.abs(error).max() <= CURRENT_ERROR)
 
 
 def paired(results: Sequence[Result], others: Sequence[Result], damages: int) -> dict[str, Any]:

@@ -18,9 +18,10 @@ import tyro
 
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
-from experiments.league.command import HERO, League, expectation
+from experiments.league.command import BLIND, HERO, ORACLE, League, expectation
+from experiments.league.draws import OUTSIDE
 from experiments.league.entrants import ENTRANTS
-from experiments.league.episodes import HELD_OUT, Seeds
+from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds
 from experiments.league.waters import WATERS
 
 EPISODES = 40  # of a tier at home and in the return
@@ -39,6 +40,16 @@ TABLES: dict[str, dict[str, Any]] = {
     },
     "imu": {"episodes": ELSEWHERE, "sensing": "imu"},
     "gyroscope": {"episodes": ELSEWHERE, "sensing": "gyroscope"},
+    "three-faults": {
+        "episodes": ELSEWHERE, "tiers": ("three faults",), "entrants": (BLIND, HERO, ORACLE),
+    },
+    "early": {
+        "episodes": ELSEWHERE, "tiers": ("early", "after 15 s"), "entrants": (HERO, ORACLE),
+    },
+    "outside": {"episodes": ELSEWHERE, "tiers": tuple(OUTSIDE), "entrants": (BLIND, HERO)},
+    "current-begins": {
+        "episodes": ELSEWHERE, "tiers": (CURRENT_BEGINS,), "entrants": (BLIND, HERO),
+    },
     # Long swims in which nothing breaks: how often the agent is alarmed for nothing.
     "calm": {
         "episodes": 100, "seconds": 600.0, "water": "current", "tiers": ("none",),
@@ -62,6 +73,8 @@ class WholeLeague:
     ] = tuple(ENTRANTS)
     seeds: Seeds = "published"
     """Set of the episodes. Make and tune agents on development alone, play held-out once."""
+    first: int = 0
+    """The first episode of the set."""
     episodes: int | None = None
     """Episodes of each tier, for a quick look; by default each table's own."""
     workers: int | None = None
@@ -76,7 +89,7 @@ class WholeLeague:
         for name in self.tables:
             settings = TABLES[one_of("tables", name, TABLES)]
             league = League(
-                out=self.out / name, seeds=self.seeds, workers=self.workers,
+                out=self.out / name, seeds=self.seeds, first=self.first, workers=self.workers,
                 scheduler=self.scheduler, **{"entrants": self.entrants} | settings,
             )  # fmt: skip
             if self.episodes is not None:

@@ -20,6 +20,7 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.command import SCHEMA, League
+from experiments.league.draws import OUTSIDE, beginning_current
 from experiments.league.entrants import ENTRANTS, _rma
 from experiments.league.episodes import (
     HELD_OUT,
@@ -36,7 +37,9 @@ from experiments.league.statistics import (
     after_onset,
     interval,
     paired,
+    recognition,
     recovered,
+    share,
     summary,
 )
 from experiments.league.waters import VORTEX_SPEED, VORTEX_WIDTH, WATERS, DenseWorld, vortices_at
@@ -222,6 +225,83 @@ def test_entrants_return_in_time_or_not(tmp_path: Path, capsys: pytest.CaptureFi
     assert head == "| entrant | success, none | units, none | CPU s, all |"
     assert still.startswith("| still | 0% [0%, 66%] | -")
     assert ppo.startswith("| PPO, fins | 100% [34%, 100%] | 2")
+
+
+@pytest.mark.parametrize("tier", ["three faults", *OUTSIDE])
+def test_damage_is_drawn_by_the_episodes_number(tier: str) -> None:
+    drawn = [Episode("still", tier, number).damage for number in range(60_000, 60_040)]
+    assert len(set(drawn)) == 40
+    assert Episode("blind", tier, 60_003).damage == drawn[3]
+    whole = Scenario.create()
+    for text in drawn:
+        damage = Damage.parse(text)
+        damage.check_onsets(60.0)
+        damage.edit(whole)  # raises if it fits no robot
+
+
+def test_early_faults_are_those_that_come_later() -> None:
+    for number in range(60_000, 60_010):
+        early, later = (
+            play(Episode("still", tier, number, seconds=60.0)) for tier in ("early", "after 15 s")
+        )
+        assert 5 <= early["onsets"][0] <= 46
+        assert 75 <= later["onsets"][0] <= 81
+
+
+def test_a_current_begins_in_still_water() -> None:
+    still = play(Episode("still", "current begins", 60_001))
+    onset = still["onsets"][0]
+    begins = beginning_current(Episode("blind", "current begins", 60_001).rng)
+    assert onset == np.ceil(begins.onset / 0.2)
+    assert tuple(still["flow"]) == begins.flow
+    assert 0.1 <= np.linalg.norm(begins.flow) <= 0.2
+    way = np.array(still["way"])
+    np.testing.assert_allclose(way[: onset + 1], 0.0, atol=1e-3)
+    # At first the water passes a robot that holds still; then it is carried along.
+    passed = (way[onset + 5] - way[onset]) / -begins.flow[1]
+    assert passed == pytest.approx(1.0, abs=0.3)
+    assert abs(way[-1] - way[-6]) < 0.6 * abs(way[onset + 5] - way[onset])
+
+
+def believed(alarms: int = 1, about: str = "caudal:missing", **more: Any) -> dict[str, Any]:
+    """Return an episode that breaks at 10 s, is recognised, and changes its gait."""
+    events = [[10.2 + k, "alarm", ""] for k in range(alarms)]
+    events += [[10.4, "inferred", about], [10.6, "chose", ""], [11.0, "refined", ""]]
+    found = {"belief": {"alike": True, "current": []}} | more
+    return result([1.0]) | found | {"events": events}
+
+
+def test_recognition_counts_what_the_agent_knew_and_when() -> None:
+    results = [
+        believed(),
+        believed(alarms=2),
+        believed(belief={"alike": False, "current": []}),
+        believed(about="up_x:dropped"),
+    ]
+    results[0]["events"].insert(0, [9.0, "chose", ""])  # before it broke
+    results[2]["events"].append([20.0, "unknown", ""])
+    found = recognition(results)
+    counts = [found[name] for name in ("episodes", "right", "at_once", "named_fins", "unknown")]
+    assert counts == [4, 3, 2, 3, 1]
+    assert (found["changed"], found["refined"]) == (pytest.approx(0.6), pytest.approx(1.0))
+    begun = [
+        believed(flow=[0.1, 0.0, 0.0], belief={"alike": same, "current": current})
+        for same, current in (
+            (True, [0.12, 0.02, 0.0]), (True, [0.14, 0.0, 0.0]),
+            (True, []), (False, [0.1, 0.0, 0.0]),
+        )
+    ]  # fmt: skip
+    assert recognition(begun)["right"] == 1
+
+
+def test_a_share_of_anothers_pace_has_the_interval_of_the_pairs() -> None:
+    others = [result([pace]) for pace in (0.2, 0.4, 0.6, 0.8)]
+    mine = [result([0.9 * pace]) for pace in (0.2, 0.4, 0.6, 0.8)]
+    assert share(mine, others) == pytest.approx((0.9, 0.9, 0.9))
+    middle, low, high = share([result([0.5])] * 4, others)
+    assert middle == pytest.approx(1.0)
+    assert low < 0.9
+    assert high > 1.1
 
 
 def test_the_return_has_a_current_and_a_time_of_its_own() -> None:
