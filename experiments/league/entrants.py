@@ -163,12 +163,16 @@ def _gait(number: int) -> Entry:
 
 
 def _rma(*twins: int | str) -> Entry:
-    """Return the entry of students, of which episode number i has the (i mod N)-th of N."""
+    """Return the entry of students, of which episode number i has the (i mod N)-th of N.
+
+    What was spent is the mean of their trainings: an episode has one of them.
+    """
 
     def spent() -> Offline:
         students = [_student(twin) for twin in twins]
-        trained = [_of(one.teacher) for one in students]
-        return _sum(_library(0), *trained, *(one.offline for one in students))
+        trained = _sum(*(_sum(_of(one.teacher), one.offline) for one in students))
+        each = Offline(trained.steps // len(twins), trained.seconds / len(twins))
+        return _sum(_library(0), each)
 
     return Entry(lambda seed, **_: StudentAgent(_student(twins[seed % len(twins)])), spent)
 
