@@ -8,8 +8,9 @@ teacher is told (``students``). ``SEEDS`` pairs learn in the league's own water 
 takes 14 minutes on one core, and a student 8. Several commands may train different ones in one
 folder at the same time.
 
-The same command resumes at the last round. ``teacher-0.json`` and ``teacher-any-water.json`` are
-packaged as ``aquafish/online/teacher.json`` and ``teacher_any_water.json``, the students as
+The same command resumes at the last round. At the end it draws the curves of all trained policies
+of the folder, ``curves.png``. ``teacher-0.json`` and ``teacher-any-water.json`` are packaged as
+``aquafish/online/teacher.json`` and ``teacher_any_water.json``, the students as
 ``experiments/league/data/policies``.
 """
 
@@ -18,19 +19,22 @@ from __future__ import annotations
 import io
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from tyro.conf import arg
 
 from aquafish.online.teacher import Teacher
+from aquafish_gym.rendering.pictures import new_figure, save_figure
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.progress import show_progress
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
+from eea.study.drawing import grid
 from experiments.league.policy import ANY_WATER, INTERVAL, TWINS, Offline, Student
 from gait.learning.train import load_extra
 
@@ -147,7 +151,7 @@ class Policies:
     ] = NAMES
 
     def execute(self) -> None:
-        """Train one after another those whose files are missing."""
+        """Train one after another those whose files are missing; draw all curves."""
         trainings = [Training(one_of("policies", name, NAMES), self.out) for name in self.policies]
         missing = [one for one in trainings if not one.file.exists()]
         total = sum(one.plan.rounds for one in missing)
@@ -156,8 +160,28 @@ class Policies:
             for one in missing:
                 one.train(_after(before, show))
                 before += one.plan.rounds
+        known = [Training(name, self.out) for name in NAMES]
+        save_figure(curves([one for one in known if one.file.exists()]), self.out / "curves.png")
         for one in trainings:
             print(one.file)
+
+
+def curves(trainings: Sequence[Training]) -> Any:
+    """Draw the pace of trained policies against the actions that they had learned from."""
+    figure = new_figure(7.0, 3.4)
+    axes = figure.subplots()
+    for one in trainings:
+        is_teacher = one.name.startswith("teacher")
+        kind = Teacher if is_teacher else Student
+        actions, paces = zip(*kind.load(one.file).curve, strict=True)
+        colour = f"C{TWINS.index(one.twin)}"
+        style = "-" if is_teacher else "--"
+        axes.plot(np.array(actions) / 1e6, paces, style, color=colour, label=one.name)
+    axes.set_xlabel("million actions of all robots together")
+    axes.set_ylabel("pace in a test, units/s")
+    grid(axes)
+    axes.legend(fontsize=8, ncols=2, loc="lower right")
+    return figure
 
 
 def _after(before: int, show: Tell) -> Tell:

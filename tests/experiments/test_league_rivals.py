@@ -186,6 +186,7 @@ def test_a_training_that_was_interrupted_gives_the_same_bytes(
         for document in (one, other, one.get("teacher", {}), other.get("teacher", {})):
             document.pop("offline", None)  # CPU times differ
         assert one == other
+    assert (parts / "curves.png").stat().st_size > 10_000
 
 
 @pytest.mark.usefixtures("small_trainings")
