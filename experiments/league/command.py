@@ -208,7 +208,7 @@ class League:
             rows.append(
                 [
                     entrant,
-                    *(_interval(tiers[one]["way_after_onset"]) for one in self.tiers),
+                    *(interval_text(tiers[one]["way_after_onset"]) for one in self.tiers),
                     _gain(tiers[tier], ORACLE, -1.0),
                     ", ".join(f"{some['median']:.1f}" for some in times) or "-",
                     f"{sum(one.get('failures', 0) for one in tiers.values())}",
@@ -231,7 +231,7 @@ class League:
                 [
                     entrant,
                     *(f"{share:.0%} [{low:.0%}, {high:.0%}]" for share, low, high in rates),
-                    *(_interval(one["way_after_onset"]) for one in found),
+                    *(interval_text(one["way_after_onset"]) for one in found),
                     f"{sum(one['cpu'] for one in found) / len(found):.1f}",
                 ]
             )
@@ -282,8 +282,10 @@ class League:
             rows.append(
                 [
                     tier,
-                    _interval(interval([pace(r) for r in results], count_damages(tier), 0.0), 3),
-                    "-" if part is None else _interval(part, 3),
+                    interval_text(
+                        interval([pace(r) for r in results], count_damages(tier), 0.0), 3
+                    ),
+                    "-" if part is None else interval_text(part, 3),
                     *counts,
                     *("-" if wait is None else f"{wait:.1f}" for wait in waits),
                 ]
@@ -326,9 +328,16 @@ def _gain(found: Mapping[str, Any], other: str, sign: float = 1.0) -> str:
     if other not in found["over"]:
         return "-"
     values = [sign * value for value in found["over"][other]["mean"]]
-    return _interval((values[0], *sorted(values[1:])), 2)
+    return interval_text((values[0], *sorted(values[1:])), 2)
 
 
-def _interval(values: Sequence[float], digits: int = 1) -> str:
+def interval_text(values: Sequence[float], digits: int = 1) -> str:
+    """Return a cell: a figure with its interval.
+
+    Examples
+    --------
+    >>> interval_text((1.0, 0.5, 1.25), 2)
+    '1.00 [0.50, 1.25]'
+    """
     middle, low, high = (f"{value:z.{digits}f}" for value in values)
     return f"{middle} [{low}, {high}]"

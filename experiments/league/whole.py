@@ -4,12 +4,14 @@
 
 Every entrant plays every table, in the same episodes. The command says how many episodes are
 missing, and about how long they take, before it begins; started again, it plays those that are
-still missing. ``--scheduler`` lets a dask cluster play, as in ``docs/howto/cluster.md``.
+still missing. At the end waters-TIER.md compare the entrants' gains over blind in all waters.
+``--scheduler`` lets a dask cluster play, as in ``docs/howto/cluster.md``.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -17,16 +19,27 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from aquafish_gym.runs.command_line import Out, run_command_line
+from aquafish_gym.utils.storage import read_document, write_bytes
 from aquafish_gym.utils.validation import one_of
-from experiments.league.command import BLIND, HERO, ORACLE, League, expectation
+from experiments.league.command import (
+    BLIND,
+    HERO,
+    ORACLE,
+    SCHEMA,
+    League,
+    expectation,
+    interval_text,
+)
 from experiments.league.draws import OUTSIDE
 from experiments.league.entrants import ENTRANTS
 from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds
 from experiments.league.waters import WATERS
+from experiments.tables import markdown
 
 EPISODES = 40  # of a tier at home and in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
 _ALL: Any = ("severe", "moderate", "mild", "none")
+WATER_TABLES = ("home", *(water for water in WATERS if water != "still"))
 #: What each table differs in from the default league.
 TABLES: dict[str, dict[str, Any]] = {
     "home": {"episodes": EPISODES},
@@ -35,8 +48,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "return": {"episodes": EPISODES, "task": "return", "tiers": _ALL},
     **{
         water: {"episodes": ELSEWHERE, "water": water, "tiers": _ALL}
-        for water in WATERS
-        if water != "still"
+        for water in WATER_TABLES[1:]
     },
     "imu": {"episodes": ELSEWHERE, "sensing": "imu"},
     "gyroscope": {"episodes": ELSEWHERE, "sensing": "gyroscope"},
@@ -110,6 +122,33 @@ class WholeLeague:
         for league in leagues:
             print(f"\n{league.out}", file=sys.stderr)
             league.execute()
+        self._compare_waters(leagues)
+
+    def _compare_waters(self, leagues: Sequence[League]) -> None:
+        """Write waters-TIER.md: the entrants' gains over blind in each water that was played."""
+        waters = {
+            league.water: read_document(league.out / "league.json", SCHEMA, "league")
+            for league in leagues
+            if league.out.name in WATER_TABLES
+        }
+        if not waters or BLIND not in self.entrants:
+            return
+        for tier in _ALL:
+            rows = [["entrant", *waters]]
+            for entrant in self.entrants:
+                cells = [_gain(found, entrant, tier) for found in waters.values()]
+                rows.append([entrant, *cells])
+            write_bytes(self.out / f"waters-{tier}.md", markdown(rows).encode())
+
+
+def _gain(found: Mapping[str, Any], entrant: str, tier: str) -> str:
+    """Return a cell: an entrant's gain over blind, and of blind itself its mean way."""
+    if tier not in found.get(entrant, {}):
+        return "-"
+    one = found[entrant][tier]
+    if entrant == BLIND:
+        return f"way {one['mean']:.1f}"
+    return interval_text(one["over"][BLIND]["mean"], 2)
 
 
 if __name__ == "__main__":

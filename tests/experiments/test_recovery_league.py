@@ -338,6 +338,26 @@ def test_the_whole_league_says_what_is_left_and_plays_it(
     assert (tmp_path / "vortices" / "runs" / "still" / "severe" / "60000.json").exists()
     command.execute()
     assert "2 tables: 0 of 5 episodes to play" in capsys.readouterr().err
+    assert not (tmp_path / "waters-none.md").exists()  # without blind
+
+
+@jobs_in_process()
+def test_the_whole_league_compares_the_waters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ENTRANTS, "blind", replace(ENTRANTS["still"]))
+    entrants = ("still", "blind", "PPO, fins")
+    WholeLeague(
+        tmp_path, ("home", "vortices"), entrants, "development", first=7, episodes=1
+    ).execute()
+    assert (tmp_path / "home" / "runs" / "blind" / "severe" / "60007.json").exists()
+    for tier in ("severe", "none"):
+        head, _, still, blind, ppo = (tmp_path / f"waters-{tier}.md").read_text().splitlines()
+        assert head == "| entrant | still | vortices |"
+        home = "-" if tier == "none" else "0.00 [0.00, 0.00]"  # which has no such tier
+        assert still == f"| still | {home} | 0.00 [0.00, 0.00] |"
+        assert blind.split(" | ")[2].startswith("way ")
+        assert ppo.count("[") == (1 if tier == "none" else 2)
 
 
 @pytest.mark.parametrize("water", ["vortices", "dense"])
