@@ -142,7 +142,7 @@ class Entry:
 
     make: Callable[..., Entrant]
     spent: Callable[[], Offline] = Offline
-    cpu: float = 1.0
+    cpu: float = 0.3
 
     @property
     def offline(self) -> Offline:
@@ -151,7 +151,7 @@ class Entry:
 
 
 def _self_model(
-    kind: type[SelfModelAgent] = SelfModelAgent, cpu: float = 10.0, **more: Any
+    kind: type[SelfModelAgent] = SelfModelAgent, cpu: float = 6.0, **more: Any
 ) -> Entry:
     return Entry(
         lambda **known: kind(config=AgentConfig(**known, **more)), _library_and_teachers, cpu
@@ -193,13 +193,13 @@ ENTRANTS: dict[str, Entry] = {
     "oracle, teacher alone": Entry(
         lambda **known: ToldTeacher(config=AgentConfig(**known)),
         lambda: _sum(_library(0), _teachers()),
-        4.0,
+        1.0,
     ),
     "trial and error": Entry(lambda **_: TrialAndError(*_archive()[:3]), lambda: _archive()[3]),
     "direct search": Entry(
         lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)
     ),
-    "blind": _self_model(Blind, cpu=4.0),
+    "blind": _self_model(Blind, cpu=3.0),
     "self-model": _self_model(),
     "self-model, library only": _self_model(cpu=2.0, refinements=0),
     "self-model, thinking free": _self_model(**_FREE),
