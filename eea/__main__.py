@@ -12,6 +12,7 @@ REFUSED_ERRORS = (*BAD_INPUT, ConfigurationError, TargetError)
 COMMANDS: Commands = {
     "run": ("eea.cli.run:Run", "let a damaged robot infer its own body"),
     "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
+    "logs": ("eea.cli.logs:Logs", "show what is in a recorder's log, and how to read it"),
     "watch": ("eea.cli.watch:Watch", "detect a change of the body in a recorded swim"),
     "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures"),
     "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),

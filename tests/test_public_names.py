@@ -15,8 +15,8 @@ from aquafish.cli import main
 
 NAMES: dict[str, list[str]] = json.loads((Path(__file__).parent / "public_names.json").read_text())
 COMMANDS = (
-    "recover", "view", "page", "run", "infer", "watch", "study", "plot", "evolve", "transfer",
-    "baseline", "film", "export",
+    "recover", "view", "page", "run", "infer", "logs", "watch", "study", "plot", "evolve",
+    "transfer", "baseline", "film", "export",
 )  # fmt: skip
 SCRIPTS = ("damage_recovery.py", "recovery_league.py")
 

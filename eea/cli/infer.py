@@ -6,9 +6,7 @@ import hashlib
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from tyro.conf import arg
+from typing import ClassVar, Literal
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import (
@@ -20,6 +18,7 @@ from aquafish_gym.runs.command_line import (
 )
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.utils.storage import ensure_writable_directory
+from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.outcome import draw_outcome, file_lines, write_outcome
 from eea.cli.progress import plain_console, waiting
 from eea.core.config import FitConfig
@@ -35,10 +34,11 @@ from eea.fish.windows import log_windows
 class Infer:
     """Infer the body from a recorded swim, with its uncertainty.
 
-    The log is a CSV with a row for each sample of the gyroscope. Its columns are time (s), gyro_x,
-    gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), and the commands
-    executed from that time on: left_pectoral, right_pectoral (rev/s), caudal (Hz). With several
-    trials a column trial has their numbers. docs/howto/logs.md has more.
+    The log is a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file with a row for each sample of
+    the gyroscope. Its columns are time (s), gyro_x, gyro_y, gyro_z (rad/s about the body's axes: x
+    right, y forward, z up), and the commands executed from that time on: left_pectoral,
+    right_pectoral (rev/s), caudal (Hz). With several trials a column trial has their numbers.
+    --map names the columns where they differ. docs/howto/logs.md has more.
 
     It prints whether a body explains the log, each size with its 90% interval, the nuisances, open
     questions, and the damage. If no body explains the log, it tries possible mistakes: axes, signs,
@@ -48,8 +48,10 @@ class Infer:
 
     example: ClassVar[str] = "--log examples/logs/swim.csv --out out/swim"
 
-    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
+    log: LogFile
     out: OptionalOut = None
+    columns: ColumnMap = ()
+    between: Between = None
     #: Whether each trial's record begins at rest, or in ordinary swimming.
     start: Literal["rest", "moving"] = "rest"
     #: Standard deviation of the gyroscope's noise, rad/s; None to estimate it.
@@ -63,7 +65,7 @@ class Infer:
 
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
-        log = read_log(self.log)
+        log = read_log(self.log, column_map(self.columns), self.between)
         moving = self.start == "moving"
         windows = log_windows(log, moving)
         check_groups(self.nuisances, windows)
@@ -72,7 +74,7 @@ class Infer:
         streams(self.seed)  # raises for a wrong seed
         check_threads(self.threads)
         console = plain_console()
-        for sentence in windows.remarks:
+        for sentence in (*log.remarks, *windows.remarks):
             console.print(sentence)
         with nullcontext() if self.out is None else lock(ensure_writable_directory(self.out)):
             if self.out is not None:

@@ -12,6 +12,7 @@ from tyro.conf import arg
 from aquafish_gym.runs.command_line import OptionalOut, Threads, check_threads
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.utils.storage import write_document
+from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.progress import waiting
 from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim
@@ -34,8 +35,10 @@ class Watch:
 
     example: ClassVar[str] = "--log examples/logs/later.csv --posterior out/swim/posterior.npz"
 
-    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
+    log: LogFile
     posterior: Annotated[Path, arg(metavar="FILE", help="posterior.npz of infer or run.")]
+    columns: ColumnMap = ()
+    between: Between = None
     alarm: float = 1e-6  #: Probability of a false alarm in each second.
     out: OptionalOut = None
     seed: int = 0  #: Seed of everything random.
@@ -43,7 +46,9 @@ class Watch:
 
     def execute(self) -> None:
         """Watch the swim and print the result."""
-        log = read_log(self.log)
+        log = read_log(self.log, column_map(self.columns), self.between)
+        for sentence in log.remarks:
+            print(sentence)
         belief = load_posterior(self.posterior)
         check_alarm(self.alarm)
         streams(self.seed)  # raises for a wrong seed
@@ -54,6 +59,10 @@ class Watch:
             "alarm": self.alarm,
             "seed": self.seed,
         }
+        if self.columns:
+            settings["map"] = column_map(self.columns)
+        if self.between is not None:
+            settings["between"] = self.between
         with result_folder(
             self.out, "a swim that was watched", settings, (WATCHED_FILE, WATCHED_PICTURE)
         ) as folder:

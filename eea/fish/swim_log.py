@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import StringIO
@@ -15,9 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.utils.storage import DamagedFileError, read_bytes, write_bytes
+from aquafish_gym.utils.storage import DamagedFileError, write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    UnknownNameError,
     brief,
     finite_array,
     fits,
@@ -29,6 +31,11 @@ from aquafish_gym.utils.validation import (
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.fish.bunches import bunches_of
+from eea.logs.alignment import align
+from eea.logs.columns import TIME_UNITS, Quantity, found_columns
+from eea.logs.guesses import Gyroscope, gyroscopes, time_column
+from eea.logs.streams import Recording
+from eea.logs.tables import read_recording
 
 GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
 LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # columns of the file; "trial" may follow
@@ -42,7 +49,19 @@ LONGEST_GAP_SECONDS = 0.25
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 SHORTEST_TIME_STEP = 5e-4
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
-MAXIMUM_LOG_BYTES = 64 * 2**20  # of a file, more than an hour at 100 rows a second
+TIME_NAMES = {tick: unit for unit, tick in TIME_UNITS.items()}
+TURN = 2.0 * np.pi
+#: What a log must have. A flipper's servo turns in rev/s, and the tail's command is in Hz.
+QUANTITIES = {
+    "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
+    **{
+        servo: Quantity(
+            (servo,), {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN}, held=True
+        )
+        for servo in SERVOS
+    },
+    TRIAL_COLUMN: Quantity((TRIAL_COLUMN,), {}, optional=True, advice=": number the trials"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +92,7 @@ class SwimLog:
     commands: Floats
     #: (T,) number of each row's trial, in blocks of rows; one trial if not given.
     trial: NDArray[Any] = field(default_factory=lambda: np.empty(0))
+    remarks: tuple[str, ...] = ()  #: Sentences on how the rows were made of a recorder's.
 
     def __post_init__(self) -> None:
         time = _rows("time", self.time, (None,), ("time",))
@@ -127,7 +147,7 @@ class SwimLog:
                 "commands and logs must be equally many, and at least one; "
                 f"got {len(commands)} and {len(logs)}"
             )
-        parts = []
+        parts: list[list[NDArray[Any]]] = []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
             each = check_commands(command, f"commands of trial {number}")
@@ -145,7 +165,8 @@ class SwimLog:
                 np.full(len(samples) + 1, number),
             )
             parts.append([part[moving:] for part in rows])
-        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+        time, gyro, executed, trial = map(np.concatenate, zip(*parts, strict=True))
+        return cls(time, gyro, executed, trial)
 
     @cached_property
     def blocks(self) -> tuple[slice, ...]:
@@ -203,58 +224,109 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
     write_bytes(path, text.getvalue().encode())
 
 
-def read_log(path: str | os.PathLike[str]) -> SwimLog:
-    """Return the recorded swim in a CSV file.
+def read_log(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, str] | None = None,
+    between: tuple[float, float] | None = None,
+) -> SwimLog:
+    """Return the recorded swim in a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file.
 
-    The file has the columns time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and caudal
-    in any order, and trial if there are several; others are ignored. See ``SwimLog`` for their
-    meaning.
+    By default the columns are time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and
+    caudal, in any order, and trial if there are several; others are ignored. See ``SwimLog`` for
+    their meaning. All formats but CSV need the extra ``logs``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Names of the columns, where they differ: from ``time``, ``gyro`` (three, joined by commas),
+        ``left_pectoral``, ``right_pectoral``, ``caudal`` or ``trial`` to ``STREAM.COLUMN``, with a
+        minus for the opposite sign, or to ``FACTOR*STREAM.COLUMN+OFFSET``. A key may end in a unit,
+        such as ``gyro:deg/s`` or ``time:us``. Commands of another stream are held from each of its
+        rows to the next, and averaged from a reading of the gyroscope to the next.
+    between
+        The part to read, s after the first reading; None for all.
 
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read or holds no such log. The message names the file, the row, from
-        1, and the column.
+        If the file cannot be read or has no such log. The message names the file, the row, from 1,
+        and the column.
+    MissingExtraError
+        If the format needs the extra ``logs``.
+
+    Examples
+    --------
+    >>> sub = {
+    ...     "gyro": "IMU.GyrY, IMU.GyrX, -IMU.GyrZ",
+    ...     "left_pectoral": "0.00125*RCOU.C1-1.875",
+    ...     "right_pectoral": "0.00125*RCOU.C2-1.875",
+    ...     "caudal": "0.0025*RCOU.C3-3.75",
+    ... }
+    >>> log = read_log("00000001.BIN", sub, between=(12.0, 40.0))  # doctest: +SKIP
     """
-    content = read_bytes(path, "log", MAXIMUM_LOG_BYTES)
+    names = _checked_map(columns)
+    if between is not None:
+        begin, end = finite_array("between", between, (2,), 0.0).tolist()
+        if begin >= end:
+            raise InvalidArgumentError(
+                f"between must be two times, s, the second later; got {begin:g} and {end:g}"
+            )
+        between = (begin, end)
+    recording = read_recording(path)
     try:
-        return SwimLog(*_table(content))
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise DamagedFileError(f"log: {path}: it is no CSV: {error}") from None
+        found = align(recording, QUANTITIES, names, between, LONGEST_GAP_SECONDS)
+        values = found.values
+        if between is not None and len(np.unique(values.get(TRIAL_COLUMN, ()))) > 1:
+            raise InvalidArgumentError(
+                "between must be None where the log has several trials; leave rows out instead"
+            )
+        commands = np.hstack([values[servo] for servo in SERVOS])
+        trial = values.get(TRIAL_COLUMN, np.ones((len(found.time), 1)))[:, 0]
+        remarks = (*recording.remarks, *found.remarks)
+        return SwimLog(found.time, values["gyro"], commands, trial, remarks)
+    except UnknownNameError as error:
+        advice = [f"; name the columns, as in {line}" for line in suggested_map(recording, path)]
+        raise DamagedFileError(f"log: {path}: {error}{''.join(advice)}") from None
     except InvalidArgumentError as error:
         raise DamagedFileError(f"log: {path}: {error}") from None
 
 
-def _table(content: bytes) -> list[Floats]:
-    """Return the fields of a ``SwimLog`` in a CSV; errors name the column, or the row from 1."""
-    table = csv.DictReader(StringIO(content.decode("utf-8-sig")))
-    names = table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
-    for name in LOG_COLUMNS:
-        if names.count(name) != 1:
-            raise InvalidArgumentError(
-                f"it must have one column {name}; it has {brief(', '.join(names))}"
-            )
-    used = [*LOG_COLUMNS, *([TRIAL_COLUMN] if TRIAL_COLUMN in names else [])]
-    rows = []
-    for number, row in enumerate(table, 1):
-        try:
-            rows.append([float(row[name]) for name in used])
-        except (TypeError, ValueError):
-            name = next(name for name in used if not _is_number(row[name]))
-            found = "nothing" if not row[name] else brief(row[name])
-            hint = ": number the trials" if name == TRIAL_COLUMN else ""
-            raise InvalidArgumentError(
-                f"row {number} must have numbers; {name} is {found}{hint}"
-            ) from None
-    numbers = np.array(rows).reshape(-1, len(used))
-    return [numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7], *numbers[:, 7:].T]
+def _checked_map(columns: Mapping[str, str] | None) -> dict[str, str]:
+    if columns is None:
+        return {}
+    if not isinstance(columns, Mapping) or not all(
+        isinstance(word, str) for pair in columns.items() for word in pair
+    ):
+        raise InvalidArgumentError(
+            f"columns must be None, or a dict from names to columns; got {brief(columns)}"
+        )
+    return dict(columns)
 
 
-def _is_number(text: str | None) -> bool:
-    try:
-        return text is not None and float(text) is not None
-    except ValueError:
-        return False
+def suggested_map(recording: Recording, path: str | os.PathLike[str]) -> list[str]:
+    """Return the command that infers from a log, or nothing if no column may be a gyroscope."""
+    command = f"aquafish infer --log {shlex.quote(os.fspath(path))}"
+    if all(len(found_columns(recording, name)) == 1 for name in LOG_COLUMNS):
+        return [command]
+    gyros = gyroscopes(recording)
+    if not gyros:
+        return []
+    gyro = shlex.quote(f"gyro{gyros[0].unit_suffix}={in_fish_axes(gyros[0])}")
+    stream = gyros[0].stream
+    clock = time_column(stream)
+    time = ""
+    if clock is not None and not stream.clocks:
+        unit = "" if clock[0] in stream.units else f":{TIME_NAMES[clock[1]]}"
+        time = shlex.quote(f"time{unit}={clock[0]}") + " "
+    return [f"{command} --map {time}{gyro} {' '.join(f'{servo}=COLUMN' for servo in SERVOS)}"]
+
+
+def in_fish_axes(gyro: Gyroscope) -> str:
+    """Return the columns of a gyroscope in the order and signs of the fish's axes."""
+    x, y, z = gyro.names
+    return {"FRD": f"{y},{x},-{z}", "FLU": f"-{y},{x},{z}"}.get(gyro.frame, f"{x},{y},{z}")
 
 
 def _rows(

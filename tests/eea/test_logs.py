@@ -1,0 +1,339 @@
+"""Logs as recorders write them: five formats, one reader, and a sentence for each mistake."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from eea import read_log
+from eea.__main__ import main
+from eea.logs.alignment import held_means
+from eea.logs.tables import read_recording
+from tests.eea.log_files import (
+    COMMANDS,
+    RATES,
+    SCALED,
+    TIME,
+    WRITERS,
+    write_bin,
+    write_csv,
+    write_mcap,
+    write_parquet,
+    write_ulog,
+)
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = "examples/logs/swim.mcap"
+PAGE = (ROOT / "docs" / "howto" / "logs.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_each_format_gives_the_swim_that_was_recorded(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"swim.{name}"
+    columns = WRITERS[name](path)
+    log = read_log(path, columns)
+    np.testing.assert_allclose(log.time - log.time[0], TIME, atol=1e-6)
+    np.testing.assert_allclose(log.gyro, RATES, atol=1e-6)
+    np.testing.assert_allclose(log.commands, COMMANDS, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_part_is_read_by_its_time(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"swim.{name}"
+    log = read_log(path, WRITERS[name](path), (0.395, 0.805))
+    np.testing.assert_allclose(log.gyro, RATES[40:81], atol=1e-6)
+    np.testing.assert_allclose(log.commands, COMMANDS[40:81], atol=1e-9)
+
+
+def test_messages_of_ros_1_and_of_protobuf_are_read(tmp_path: Path) -> None:
+    import struct
+
+    from google.protobuf.timestamp_pb2 import Timestamp
+    from mcap.writer import Writer
+    from mcap_protobuf.writer import Writer as ProtobufWriter
+
+    path = tmp_path / "ros1.mcap"
+    with path.open("wb") as file:
+        log = Writer(file)
+        log.start()
+        schema = log.register_schema("p/Rate", "ros1msg", b"time stamp\nfloat64 x\nstring s")
+        channel = log.register_channel("/rate", "ros1", schema)
+        data = struct.pack("<IIdI", 3, 500_000_000, 0.25, 2) + b"hi"
+        log.add_message(channel, 10**9, data, 10**9)
+        log.finish()
+    (stream,) = read_recording(path).streams
+    assert {name: cells.tolist() for name, cells in stream.columns.items()} == {
+        "stamp": [3.5], "x": [0.25], "log_time": [1.0],
+    }  # fmt: skip
+    path = tmp_path / "protobuf.mcap"
+    with path.open("wb") as file, ProtobufWriter(file) as protobuf:
+        protobuf.write_message("/time", Timestamp(seconds=2, nanos=5), 10**9, 10**9)
+    (stream,) = read_recording(path).streams
+    assert stream.columns[""].tolist() == [2.000000005]
+
+
+def test_commands_are_held_and_averaged_over_time_never_matched_by_row() -> None:
+    at = np.array([0.0, 0.01, 0.02, 0.03])
+    time = np.array([0.0, 0.005, 0.0175, 0.025])
+    values = np.array([[0.1], [0.3], [0.3], [0.5]])
+    np.testing.assert_allclose(held_means(at, time, values)[:, 0], [0.2, 0.3, 0.4, 0.5])
+    steady = np.full((4, 1), 0.1)
+    assert (held_means(at, time, steady) == 0.1).all(), "without rounding"
+
+
+def test_what_was_done_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    columns = write_mcap(tmp_path / "swim.mcap")
+    remarks = read_log(tmp_path / "swim.mcap", columns).remarks
+    assert remarks[0].startswith("/camera is left out: its messages are jpeg by jsonschema")
+    assert remarks[1] == "the times are those of header.stamp"
+    assert remarks[2].startswith("/servos has 10 rows a second: its commands are held until its")
+    words = [f"{name}={text}" for name, text in columns.items()]
+    assert (
+        main(["infer", "--log", str(tmp_path / "swim.mcap"), "--map", *words, "--seed", "-1"]) == 2
+    )
+    assert "seed must be" in capsys.readouterr().err
+
+
+def test_rows_before_the_first_command_are_left_out(tmp_path: Path) -> None:
+    columns = write_mcap(tmp_path / "swim.mcap", behind=-0.045)
+    log = read_log(tmp_path / "swim.mcap", columns)
+    assert any(line.startswith("the first 0.04 s have no row of /servos") for line in log.remarks)
+    np.testing.assert_allclose(log.gyro, RATES[5:], atol=1e-6)
+    changed = int(np.flatnonzero(np.diff(log.commands[:, 0]))[0]) + 1
+    assert log.commands[changed, 0] == pytest.approx(
+        0.5 * (COMMANDS[0, 0] + COMMANDS[-1, 0]), abs=1e-5
+    )
+
+
+MISTAKES: dict[str, tuple[str, dict[str, str | None], str]] = {
+    "quantity": ("BIN", {"gyros": "IMU.GyrX"}, "map must be one of time, gyro, .*mean 'gyro'"),
+    "unit": ("BIN", {"gyro:deg": "IMU.GyrX", "gyro": None}, "gyro must have 3"),
+    "other unit": (
+        "BIN", {"gyro:deg/s": "IMU.GyrX,IMU.GyrY,IMU.GyrZ", "gyro": None},
+        "gyro must be in rad/s, by which the file states IMU.GyrX; got deg/s",
+    ),
+    "no unit of it": (
+        "BIN", {"caudal": "RCOU.C3"},
+        "caudal must be in .*; the file says that RCOU.C3 is in us: convert it, as in caudal=0.5",
+    ),
+    "twice": ("BIN", {"gyro:rad/s": "IMU.GyrX,IMU.GyrY,IMU.GyrZ"}, "map must name gyro once"),
+    "one column": ("BIN", {"gyro": "IMU.GyrX"}, "gyro must have 3 columns, joined by commas"),
+    "comma": ("BIN", {"gyro": "IMU.GyrX,,IMU.GyrZ"}, "gyro must have columns"),
+    "mistyped": (
+        "BIN", {"gyro": "IMU.GirX,IMU.GyrY,IMU.GyrZ"},
+        r"gyro must be a column of the log, as `aquafish logs` lists them; got 'IMU.GirX'; did you "
+        r"mean IMU.GyrX\?",
+    ),
+    "stream": ("BIN", {"gyro": "IMU.GyrX,IMU.GyrY,RCOU.C1"}, "gyro must be of one stream, IMU"),
+    "clock": ("mcap", {"time": "/imu.turn.x"}, "time must be a column of each stream.*/servos has"),
+    "clock's unit": ("BIN", {"time:ms": "TimeUS"}, "TimeUS is in ticks of 1e-06 s; got ms"),
+    "two clocks": ("mcap", {"time": "log_time,header.stamp"}, "time must be one column"),
+    "scaled time": ("csv", {"time": "2*t [ms]"}, "time must be a column; got"),
+    "no time": ("csv", {"time": None}, "it must have one column time; .*--map 'time=t .ms.'"),
+    "text": ("parquet", {"caudal": "note"}, "row 1 must have numbers; note is 'swims'"),
+    "rates": ("csv", {"gyro": "s1,s2,s3"}, "at most 10 rad/s, which no such fish"),
+    "scale": ("csv", {"caudal": "s3"}, "caudal must be in .* Hz; got 1600"),
+    "trial": ("BIN", {"trial": "RCOU.C1"}, "trial must be of one stream, IMU"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_wrong_map_is_refused_with_what_to_write(mistake: str, tmp_path: Path) -> None:
+    name, changes, message = MISTAKES[mistake]
+    path = tmp_path / f"swim.{name}"
+    columns = {**WRITERS[name](path), **changes}
+    kept = {key: text for key, text in columns.items() if text is not None}
+    with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*{message}"):
+        read_log(path, kept)
+
+
+@pytest.mark.parametrize("sensors", [1, 2])
+def test_a_map_is_suggested_and_can_be_pasted(
+    sensors: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "00000001.BIN"
+    columns = write_bin(path, sensors)
+    assert main(["infer", "--log", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "it must have one column gyro_x" in said
+    command = shlex.split(said.partition("as in aquafish ")[2])
+    words = dict(word.split("=") for word in command[command.index("--map") + 1 :])
+    assert words == {"gyro": columns["gyro"], **dict.fromkeys(SCALED, "COLUMN")}
+    assert read_log(path, {**columns, "gyro": words["gyro"]}).gyro == pytest.approx(RATES, abs=1e-6)
+    if sensors == 2:
+        with pytest.raises(InvalidArgumentError, match=r"did you mean IMU\[\d\].GyrX"):
+            read_log(path, {**columns, "gyro": "IMU.GyrX,IMU.GyrY,IMU.GyrZ"})
+
+
+def test_units_that_the_file_states_are_converted(tmp_path: Path) -> None:
+    columns = write_bin(tmp_path / "swim.BIN", unit="k")
+    log = read_log(tmp_path / "swim.BIN", columns)
+    np.testing.assert_allclose(log.gyro, np.deg2rad(RATES), atol=1e-6)
+
+
+def test_streams_of_two_clocks_are_refused(tmp_path: Path) -> None:
+    columns = write_mcap(tmp_path / "swim.mcap", behind=30.0)
+    with pytest.raises(InvalidArgumentError, match=r"header.stamp .* 30 s apart.*time=log_time"):
+        read_log(tmp_path / "swim.mcap", columns)
+    log = read_log(tmp_path / "swim.mcap", {**columns, "time": "log_time"})
+    np.testing.assert_allclose(log.commands, COMMANDS, atol=1e-9)
+
+
+def changed_times(time: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.eea.log_files.TIME", time)
+
+
+def test_a_hole_is_refused_with_the_parts_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changed_times(TIME + 2.0 * (TIME > 0.595), monkeypatch)
+    columns = write_bin(tmp_path / "swim.BIN")
+    message = "IMU must have no hole.*from 0.59 to 2.6 s.*--between 0 0.59 or --between 2.6 3.19"
+    with pytest.raises(InvalidArgumentError, match="RCOU must have no hole"):
+        read_log(tmp_path / "swim.BIN", columns)
+    with pytest.raises(InvalidArgumentError, match=message):
+        read_log(tmp_path / "swim.BIN", {**columns, **dict.fromkeys(SCALED, "0*IMU.GyrX")})
+    assert len(read_log(tmp_path / "swim.BIN", columns, (2.6, 3.19)).time) == 60
+
+
+def test_time_that_goes_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed_times(np.where(TIME > 0.595, TIME - 0.3, TIME), monkeypatch)
+    columns = write_bin(tmp_path / "swim.BIN") | dict.fromkeys(SCALED, "0*IMU.GyrX")
+    with pytest.raises(InvalidArgumentError, match=r"must not go back in time; .*--between 0 0.59"):
+        read_log(tmp_path / "swim.BIN", columns)
+
+
+@pytest.mark.parametrize(
+    ("between", "message"),
+    [((0.5, 0.5), "two times, s, the second later"), ((5.0, 9.0), "lasts 1.19 s; got 5 to 9"),
+     ((-1.0, 2.0), "must lie in"), ((0.0,), "must have shape")],
+)  # fmt: skip
+def test_a_wrong_part_is_refused(between: Any, message: str, tmp_path: Path) -> None:
+    columns = write_ulog(tmp_path / "swim.ulg")
+    with pytest.raises(InvalidArgumentError, match=f"between.*{message}"):
+        read_log(tmp_path / "swim.ulg", columns, between)
+
+
+def test_a_part_of_several_trials_is_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match="None where the log has several"):
+        read_log(ROOT / "examples" / "logs" / "swim.csv", between=(0.0, 1.0))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"swim.{name}"
+    columns = WRITERS[name](path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(0.7 * len(whole)) + 9])
+    if name == "parquet":
+        with pytest.raises(InvalidArgumentError, match="damaged Parquet file: copy it"):
+            read_log(path, columns)
+        return
+    log = read_log(path, columns)
+    assert any("the file ends in the middle of a row" in line for line in log.remarks)
+    count = len(log.gyro)
+    assert 40 < count < len(RATES)
+    np.testing.assert_allclose(log.gyro, RATES[:count], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "csv"])
+def test_a_missing_extra_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"swim.{name}"
+    columns = WRITERS[name](path)
+    for library in ("pyarrow", "pymavlink.DFReader", "pyulog", "mcap.reader", "mcap_ros2.decoder"):
+        monkeypatch.setitem(__import__("sys").modules, library, None)
+    with pytest.raises(
+        MissingExtraError, match=r"needs the extra logs .*pip install \"\.\[logs\]\""
+    ):
+        read_log(path, columns)
+
+
+OTHERS = {
+    "a ROS 1 bag": b"#ROSBAG V2.0\n" + bytes(50),
+    "a ROS 2 bag in SQLite": b"SQLite format 3\0" + bytes(50),
+    "git lfs pull": b"version https://git-lfs.github.com/spec/v1\n",
+    "unpack it": b"PK\x03\x04" + bytes(50),
+    "an HDF5 file": b"\x89HDF\r\n\x1a\n" + bytes(50),
+    "a telemetry log of MAVLink": bytes(8) + b"\xfd" + bytes(50),
+    "the BIN of the same flight": b"FMT, 128, 89, FMT, BBnNZ, Type\n",
+    "a damaged Parquet file": b"PAR1" + bytes(50),
+    "a damaged ArduPilot BIN file|must have one column": b"\xa3\x95" + bytes(50),
+    "a damaged PX4 ULog file": b"ULog\x01" + bytes(5),
+    "a damaged MCAP file|must have one column": b"\x89MCAP0\r\n" + bytes(50),
+    "it is no CSV": b"\xbc\x01\x02\xff",
+    "row 1 has 3 cells, and the first line": b"a,b\n1,2,3\n",
+}
+
+
+@pytest.mark.parametrize("message", OTHERS)
+def test_other_and_damaged_files_are_refused_with_what_to_do(message: str, tmp_path: Path) -> None:
+    path = tmp_path / "swim.log"
+    path.write_bytes(OTHERS[message])
+    with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*({message})"):
+        read_log(path)
+
+
+def test_columns_without_numbers_or_with_one_name_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "swim.csv"
+    columns = write_csv(path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(f"{line};{'nan' if i else 'x'}" for i, line in enumerate(lines)))
+    with pytest.raises(InvalidArgumentError, match="x must have numbers; all of its cells are nan"):
+        read_log(path, {**columns, "caudal": "x"})
+    path.write_text("\n".join([lines[0] + ";s1", *(line + ";1500" for line in lines[1:])]) + "\n")
+    with pytest.raises(InvalidArgumentError, match="got 's1'"):
+        read_log(path, columns)
+    assert read_recording(path).remarks == ["2 columns have the name 's1': they are left out"]
+
+
+def test_the_page_shows_what_the_commands_print(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    assert main(["logs", EXAMPLE]) == 0
+    assert f"```text\n{capsys.readouterr().out}```\n" in PAGE
+
+
+def test_a_stream_is_listed_by_its_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_parquet(tmp_path / "swim.parquet")
+    assert main(["logs", str(tmp_path / "swim.parquet")]) == 0
+    said = capsys.readouterr().out
+    assert "no numbers, such as 'swims'" in said
+    assert "gyroscope: gyro[0], gyro[1], gyro[2] in rad/s (at most 0.99" in said
+    write_ulog(tmp_path / "swim.ulg")
+    assert main(["logs", str(tmp_path / "swim.ulg"), "--stream", "actuator_outputs"]) == 0
+    assert "output[0]     -   1300     1500" in capsys.readouterr().out
+    assert main(["logs", str(tmp_path / "swim.ulg"), "--stream", "actuator_output"]) == 2
+    assert "did you mean 'actuator_outputs'" in capsys.readouterr().err
+
+
+def test_the_example_of_ros_is_written_again_to_the_same_rows(tmp_path: Path) -> None:
+    import runpy
+
+    write = runpy.run_path(str(ROOT / "examples" / "recorded_ros_swim.py"))["RecordedRosSwim"]
+    write(out=tmp_path).execute()
+    committed, written = (
+        read_recording(folder / "swim.mcap").streams
+        for folder in (ROOT / "examples" / "logs", tmp_path)
+    )
+    for one, other in zip(committed, written, strict=True):
+        assert {name: cells.tolist() for name, cells in one.columns.items()} == {
+            name: cells.tolist() for name, cells in other.columns.items()
+        }
+
+
+def test_nothing_is_left_where_a_file_is_read(tmp_path: Path) -> None:
+    write_bin(tmp_path / "swim.BIN")
+    shutil.copy(tmp_path / "swim.BIN", tmp_path / "log")  # the name says nothing of the format
+    assert read_recording(tmp_path / "log").format == "ArduPilot BIN"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "swim.BIN"]
