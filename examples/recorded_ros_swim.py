@@ -30,35 +30,30 @@ HELD = 100  # steps of 0.01 s for which a command is held
 PULSE_STEPS = 10  # between two messages of the servos
 STARTED = 1_700_000_000_000_000_000  # ns since 1970
 DELAY = 1_500_000  # ns from the sensor's stamp to the recorder's
-IMU = """\
-std_msgs/Header header
-geometry_msgs/Vector3 angular_velocity
-================================================================================
+RULE = 80 * "="
+HEADER = f"""\
+{RULE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
-================================================================================
+{RULE}
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
-================================================================================
+"""
+IMU = f"""\
+std_msgs/Header header
+geometry_msgs/Vector3 angular_velocity
+{HEADER}{RULE}
 MSG: geometry_msgs/Vector3
 float64 x
 float64 y
 float64 z
 """
-PULSES = """\
+PULSES = f"""\
 std_msgs/Header header
 uint16[] data
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
+{HEADER}"""
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,10 @@ class SwimLog:
         numbers = _rows(TRIAL_COLUMN, given, (len(time),), (TRIAL_COLUMN,))
         trial = numbers.astype(np.int64)
         _refuse(numbers != trial, numbers, (TRIAL_COLUMN,), "a whole number")
+        remarks = tuple(sequence("remarks", self.remarks))
+        for remark in remarks:
+            instance("remarks", remark, str)
+        object.__setattr__(self, "remarks", remarks)
         fields = {"time": time, "gyro": gyro, "commands": commands, TRIAL_COLUMN: trial}
         for name, value in fields.items():
             value.setflags(write=False)

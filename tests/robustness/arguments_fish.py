@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ from eea.fish.estimate import MorphologyEstimate
 COMMANDS = [(0.5, -0.5, 1.0), (-0.5, 0.4, 0.7)]
 LOG = SwimLog.of_trials(COMMANDS, [simulate(None, u, steps=64) for u in COMMANDS])
 BODY = Morphology.nominal()
+SWIM = Path(__file__).parents[2] / "examples" / "logs" / "swim.csv"
 BELIEF = known_body(BODY, 0.01)
 TARGET = EngineTarget(steps=64, engine="numba")
 SIMULATOR = EngineSimulator(steps=64)
@@ -97,7 +99,9 @@ ROWS = [
         SwimLog,
         {
             "time": LOG.time, "gyro": LOG.gyro, "commands": LOG.commands, "trial": LOG.trial,
+            "remarks": (),
         },
+        options(remarks="empty list, list of text, words"),
     ),
     Call(
         SwimLog.of_trials,
@@ -109,7 +113,12 @@ ROWS = [
     ),
     Call(LOG.name, {"index": 0}),
     Call(write_log, {"path": "swim.csv", "log": LOG}, options(path="text")),
-    Call(read_log, {"path": "swim.csv"}, words={"path": "log"}),
+    Call(
+        read_log,
+        {"path": SWIM, "columns": None, "between": None},
+        options(columns="none, empty mapping", between="none"),
+        words={"path": "log"},
+    ),
     Call(save_posterior, {"path": "posterior.npz", "belief": BELIEF}, options(path="text")),
     Call(load_posterior, {"path": "posterior.npz"}, words={"path": "posterior"}),
     Call(
