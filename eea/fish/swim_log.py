@@ -291,8 +291,10 @@ def read_log(
         remarks = (*recording.remarks, *found.remarks)
         return SwimLog(found.time, values["gyro"], commands, trial, remarks)
     except UnknownNameError as error:
-        advice = [f"; name the columns, as in {line}" for line in suggested_map(recording, path)]
-        raise DamagedFileError(f"log: {path}: {error}{''.join(advice)}") from None
+        command = next(iter(suggested_map(recording, path)), None)
+        advice = f"by --map; aquafish logs {os.fspath(path)} lists them"
+        advice = advice if command is None else f"as in {command}"
+        raise DamagedFileError(f"log: {path}: {error}; name the columns {advice}") from None
     except InvalidArgumentError as error:
         raise DamagedFileError(f"log: {path}: {error}") from None
 

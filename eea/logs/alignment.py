@@ -63,7 +63,7 @@ def align(
     between
         The part to take, s after the sensor's first row; None for all.
     longest_gap
-        The longest time between two rows of the sensor, s.
+        The longest time between two rows of the sensor, s, and of a command without its next.
 
     Raises
     ------
@@ -121,8 +121,8 @@ def align(
                 f"{_short(float(np.ptp(time)))} s; got {between[0]:g} to {between[1]:g}"
             )
     for name, stream in streams.items():
-        if stream is not sensor:
-            kept &= _known(stream, times[name], time, kept, remarks)
+        if stream is not sensor and kept.any():
+            kept &= _known(stream, times[name], time, kept, longest_gap, remarks)
     if not kept.any():
         raise InvalidArgumentError(
             f"the streams {', '.join(streams)} must overlap in time; no row of {sensor.name} has "
@@ -192,6 +192,11 @@ def _times(
         if not found:
             found_term(recording, TIME, texts[0], True)  # names the nearest column
             raise InvalidArgumentError(f"map: time must be a column; got {brief(texts[0])}")
+        if len(found) == 1 and found[0][0].name not in (stream.name for stream in streams):
+            used = ", ".join(stream.name for stream in streams)
+            raise InvalidArgumentError(
+                f"map: time must be a column of {used}, which are used; got {brief(texts[0])}"
+            )
         clock = found[0][1]
         lacking = [stream.name for stream in streams if clock not in stream.columns]
         if lacking:
@@ -232,13 +237,18 @@ def _times(
 
 
 def _known(
-    stream: Stream, time: Floats, at: Floats, kept: NDArray[np.bool_], remarks: list[str]
+    stream: Stream,
+    time: Floats,
+    at: Floats,
+    kept: NDArray[np.bool_],
+    longest_gap: float,
+    remarks: list[str],
 ) -> NDArray[np.bool_]:
     """Return at which times (T,) a stream's commands are known, and say how they are used."""
     if not len(time):
         raise InvalidArgumentError(f"{stream.name} must have rows; it has none")
     usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    longest = SILENT_STEPS * max(usual, 0.01)
+    longest = max(SILENT_STEPS * usual, longest_gap)
     inside = time[(time >= at[kept][0] - longest) & (time <= at[kept][-1])]
     _refuse_holes(stream.name, inside, longest)
     early = kept & (at < time[0])

@@ -113,7 +113,6 @@ def decoder(encoding: str, schema: Any, factories: Sequence[Any]) -> Callable[[b
     if decode is None:
         by = f" by {schema.encoding}" if schema else ""
         raise ValueError(
-            f"its messages are {encoding or 'of no encoding'}{by}; cdr by ros2msg, ros1, protobuf "
-            "and json are read"
+            f"{encoding or 'no encoding'}{by}; cdr by ros2msg, ros1, protobuf and json can"
         )
     return decode

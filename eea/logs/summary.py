@@ -13,6 +13,7 @@ from eea.logs.streams import Recording, Stream
 
 HOLE_STEPS = 3.0  # usual steps between two rows, in a hole
 FEWEST_STEADY = 0.5  # share of a stream's steps that are near the usual one, if it has a rate
+OTHER_CLOCK_SECONDS = 600.0  # a stream that begins so much earlier than most has another clock
 MOST_COMMANDS = 12  # names in the line of commands
 FRAME_WORDS = {
     "FRD": "; x forward, y right, z down by convention",
@@ -45,7 +46,10 @@ def _overview(recording: Recording) -> list[str]:
         None if clock is None else stream.numbers(clock[0]) * clock[1]
         for stream, clock in zip(recording.streams, clocks, strict=True)
     ]
-    began = min((float(time[0]) for time in times if time is not None and len(time)), default=0.0)
+    starts = [float(time[0]) for time in times if time is not None and len(time)]
+    # A stream of another clock, such as a satellite's, is no beginning.
+    usual = float(np.median(starts or [0.0]))
+    began = min((each for each in starts if usual - each < OTHER_CLOCK_SECONDS), default=usual)
     rows = [["stream", "rows", "a second", "from, s", "to, s", "holes", "longest, s", "twice",
              "back", "clock"]]  # fmt: skip
     for stream, clock, time in zip(recording.streams, clocks, times, strict=True):

@@ -180,7 +180,9 @@ def _mcap(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
                 decode = decoder(channel.message_encoding, schema, factories)
                 row = dict(leaves(decode(message.data)))
             except Exception as error:  # each decoder has its own
-                left_out[channel.topic] = f"{channel.topic} is left out: {error}"
+                left_out[channel.topic] = (
+                    f"{channel.topic} is left out: its messages cannot be decoded ({error})"
+                )
                 continue
             rows[channel.topic].append(row | {"log_time": message.log_time / 1e9})
     except (McapError, struct.error) as error:

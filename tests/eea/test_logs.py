@@ -90,7 +90,7 @@ def test_commands_are_held_and_averaged_over_time_never_matched_by_row() -> None
 def test_what_was_done_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     columns = write_mcap(tmp_path / "swim.mcap")
     remarks = read_log(tmp_path / "swim.mcap", columns).remarks
-    assert remarks[0].startswith("/camera is left out: its messages are jpeg by jsonschema")
+    assert remarks[0].startswith("/camera is left out: its messages cannot be decoded (jpeg by js")
     assert remarks[1] == "the times are those of header.stamp"
     assert remarks[2].startswith("/servos has 10 rows a second: its commands are held until its")
     words = [f"{name}={text}" for name, text in columns.items()]
@@ -132,6 +132,9 @@ MISTAKES: dict[str, tuple[str, dict[str, str | None], str]] = {
     ),
     "stream": ("BIN", {"gyro": "IMU.GyrX,IMU.GyrY,RCOU.C1"}, "gyro must be of one stream, IMU"),
     "clock": ("mcap", {"time": "/imu.turn.x"}, "time must be a column of each stream.*/servos has"),
+    "clock of another stream": (
+        "BIN", {"time": "MSG.TimeUS"}, "time must be a column of IMU, RCOU, .*; got 'MSG.TimeUS'",
+    ),
     "clock's unit": ("BIN", {"time:ms": "TimeUS"}, "TimeUS is in ticks of 1e-06 s; got ms"),
     "two clocks": ("mcap", {"time": "log_time,header.stamp"}, "time must be one column"),
     "scaled time": ("csv", {"time": "2*t [ms]"}, "time must be a column; got"),
@@ -195,7 +198,7 @@ def test_a_hole_is_refused_with_the_parts_beside_it(
     changed_times(TIME + 2.0 * (TIME > 0.595), monkeypatch)
     columns = write_bin(tmp_path / "swim.BIN")
     message = "IMU must have no hole.*from 0.59 to 2.6 s.*--between 0 0.59 or --between 2.6 3.19"
-    with pytest.raises(InvalidArgumentError, match="RCOU must have no hole"):
+    with pytest.raises(InvalidArgumentError, match="RCOU must have no hole of more than"):
         read_log(tmp_path / "swim.BIN", columns)
     with pytest.raises(InvalidArgumentError, match=message):
         read_log(tmp_path / "swim.BIN", {**columns, **dict.fromkeys(SCALED, "0*IMU.GyrX")})
