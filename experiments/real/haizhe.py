@@ -17,6 +17,8 @@ from scipy.optimize import linear_sum_assignment
 
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.logs.streams import Stream
+from eea.logs.tables import read_recording
 
 Floats = NDArray[np.float64]
 
@@ -104,17 +106,12 @@ def read_swim(path: Path, condition: str = HEALTHY) -> Swim:
         If it lacks a column, holds fewer than ``FEWEST_SAMPLES`` samples of thrust, or the yaw rate
         is not that of the heading in deg/s.
     """
-    head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
-    names = head.strip().split(",")
-    missing = [name for name in COLUMNS if name not in names]
+    (table,) = read_recording(path).streams
+    missing = [name for name in COLUMNS if name not in table.columns]
     if missing:
-        raise DamagedFileError(f"{path} lacks the columns {', '.join(missing)}; it has {head!r}")
-    cells = [line.split(",") for line in lines]
-    try:
-        table = np.array([row for row in cells if len(row) == len(names)], dtype=np.float64)
-    except ValueError as error:
-        raise DamagedFileError(f"{path} holds a cell that is no number: {error}") from None
-    column = {name: table[:, names.index(name)] for name in COLUMNS} if len(table) else {}
+        has = ",".join(table.columns)
+        raise DamagedFileError(f"{path} lacks the columns {', '.join(missing)}; it has {has!r}")
+    column = {name: _numbers(path, table, name) for name in COLUMNS} if len(table) else {}
     driven = np.flatnonzero(column["pwm1"] > IDLE_PWM) if column else np.empty(0, dtype=int)
     if len(driven) == 0 or len(table) - driven[0] < FEWEST_SAMPLES:
         raise DamagedFileError(f"{path} holds less than {FEWEST_SAMPLES / RATE_HZ:g} s of thrust")
@@ -135,6 +132,13 @@ def read_swim(path: Path, condition: str = HEALTHY) -> Swim:
         rest={name: float(np.median(series[resting])) for name, series in column.items()},
         thrust=thrust,
     )
+
+
+def _numbers(path: Path, table: Stream, name: str) -> Floats:
+    try:
+        return table.numbers(name)
+    except InvalidArgumentError as error:
+        raise DamagedFileError(f"{path} holds a cell that is no number: {error}") from None
 
 
 def _number(path: Path) -> int:
