@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from eea.logs.streams import Columns
 
+SECONDS_PER_DAY = 86400.0
 LONGEST_ARRAY = 64  # entries of an array in a row; longer ones are pictures or point clouds
-TIME_FIELDS = (("sec", "nanosec"), ("secs", "nsecs"), ("seconds", "nanos"))
+TIME_FIELDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d][^\])]*)[\])]$")  # at the end of a name: gyro_x [deg/s]
 ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 
@@ -98,6 +99,17 @@ def numbers(cells: Sequence[Any]) -> NDArray[Any]:
             dates = pd.to_datetime(list(cells), format="ISO8601", utc=True).as_unit("ns")
             return np.where(dates.isna(), np.nan, dates.asi8 / 1e9)
     return objects
+
+
+def is_clock(columns: Columns, name: str) -> bool:
+    """Return whether a column of an MCAP's topic has stamps, s, of a clock that runs.
+
+    A field "timestamp" may also be a number in other units, as of PX4's messages.
+    """
+    if name not in columns or not np.ptp(columns[name]) > 0.0:
+        return False
+    apart = float(np.median(np.abs(columns["log_time"] - columns[name])))
+    return name == "header.stamp" or apart < SECONDS_PER_DAY
 
 
 def decoder(encoding: str, schema: Any, factories: Sequence[Any]) -> Callable[[bytes], Any]:

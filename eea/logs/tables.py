@@ -6,13 +6,13 @@ the field read the others (extra ``logs``) and are loaded when a file needs them
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import os
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.utils.storage import DamagedFileError, open_regular
 from aquafish_gym.utils.validation import MissingExtraError, install_advice
-from eea.logs.cells import decoder, leaves, named, numbers, stated_units, tabulated
+from eea.logs.cells import decoder, is_clock, leaves, named, numbers, stated_units, tabulated
 from eea.logs.other_formats import refuse_other
 from eea.logs.streams import Recording, Stream
 
@@ -38,9 +38,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read.
-    DamagedFileError
-        If it has another format, and how to convert it, or is damaged.
+        If the file cannot be read, is damaged, or has another format; it says how to convert it.
     MissingExtraError
         If the extra ``logs`` is needed and not installed.
     """
@@ -52,10 +50,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         try:
             refuse_other(begin)
             # The libraries print what they skip.
-            with (
-                contextlib.redirect_stdout(io.StringIO()) as said,
-                contextlib.redirect_stderr(said),
-            ):
+            with redirect_stdout(io.StringIO()) as said, redirect_stderr(said):
                 streams = sorted(read(file, remarks), key=lambda stream: stream.name)
         except DamagedFileError as error:
             raise DamagedFileError(f"log: {path}: {error}") from None
@@ -180,19 +175,16 @@ def _mcap(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
                 decode = decoder(channel.message_encoding, schema, factories)
                 row = dict(leaves(decode(message.data)))
             except Exception as error:  # each decoder has its own
-                left_out[channel.topic] = (
-                    f"{channel.topic} is left out: its messages cannot be decoded ({error})"
-                )
+                left_out[channel.topic] = f"is left out: its messages cannot be decoded ({error})"
                 continue
             rows[channel.topic].append(row | {"log_time": message.log_time / 1e9})
     except (McapError, struct.error) as error:
         remarks.append(f"{CUT} ({error})")
-    remarks += left_out.values()
+    remarks += [f"{topic} {reason}" for topic, reason in left_out.items()]
     for topic, each in rows.items():
         columns = tabulated(sorted(each, key=lambda row: row["log_time"]))
-        stamps = [name for name in ("header.stamp", "timestamp") if name in columns]
-        clocks = [name for name in stamps if np.ptp(columns[name]) > 0.0] + ["log_time"]
-        yield Stream(topic, columns, dict.fromkeys(clocks, 1.0))
+        stamps = [one for one in ("header.stamp", "timestamp") if is_clock(columns, one)]
+        yield Stream(topic, columns, dict.fromkeys([*stamps, "log_time"], 1.0))
 
 
 Reader = Callable[[BinaryIO, list[str]], Iterator[Stream]]
