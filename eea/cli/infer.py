@@ -51,7 +51,7 @@ class Infer:
     log: LogFile
     out: OptionalOut = None
     columns: ColumnMap = ()
-    between: Between = None
+    between: Between = ()
     #: Whether each trial's record begins at rest, or in ordinary swimming.
     start: Literal["rest", "moving"] = "rest"
     #: Standard deviation of the gyroscope's noise, rad/s; None to estimate it.
@@ -65,7 +65,7 @@ class Infer:
 
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
-        log = read_log(self.log, column_map(self.columns), self.between)
+        log = read_log(self.log, column_map(self.columns), self.between or None)
         moving = self.start == "moving"
         windows = log_windows(log, moving)
         check_groups(self.nuisances, windows)

@@ -29,8 +29,10 @@ ColumnMap = Annotated[
     ),
 ]
 Between = Annotated[
-    tuple[float, float] | None,
-    arg(metavar="START END", help="The part to read, s after the first reading; None for all."),
+    tuple[float, ...],
+    arg(
+        metavar="SECONDS", help="The start and end of the part to read, s after the first reading."
+    ),
 ]
 
 

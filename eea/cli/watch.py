@@ -38,7 +38,7 @@ class Watch:
     log: LogFile
     posterior: Annotated[Path, arg(metavar="FILE", help="posterior.npz of infer or run.")]
     columns: ColumnMap = ()
-    between: Between = None
+    between: Between = ()
     alarm: float = 1e-6  #: Probability of a false alarm in each second.
     out: OptionalOut = None
     seed: int = 0  #: Seed of everything random.
@@ -46,7 +46,7 @@ class Watch:
 
     def execute(self) -> None:
         """Watch the swim and print the result."""
-        log = read_log(self.log, column_map(self.columns), self.between)
+        log = read_log(self.log, column_map(self.columns), self.between or None)
         for sentence in log.remarks:
             print(sentence)
         belief = load_posterior(self.posterior)
@@ -61,7 +61,7 @@ class Watch:
         }
         if self.columns:
             settings["map"] = column_map(self.columns)
-        if self.between is not None:
+        if self.between:
             settings["between"] = self.between
         with result_folder(
             self.out, "a swim that was watched", settings, (WATCHED_FILE, WATCHED_PICTURE)

@@ -231,7 +231,7 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
 def read_log(
     path: str | os.PathLike[str],
     columns: Mapping[str, str] | None = None,
-    between: tuple[float, float] | None = None,
+    between: Sequence[float] | None = None,
 ) -> SwimLog:
     """Return the recorded swim in a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file.
 
@@ -271,18 +271,19 @@ def read_log(
     >>> log = read_log("00000001.BIN", sub, between=(12.0, 40.0))  # doctest: +SKIP
     """
     names = _checked_map(columns)
+    part = None
     if between is not None:
         begin, end = finite_array("between", between, (2,), 0.0).tolist()
         if begin >= end:
             raise InvalidArgumentError(
                 f"between must be two times, s, the second later; got {begin:g} and {end:g}"
             )
-        between = (begin, end)
+        part = (begin, end)
     recording = read_recording(path)
     try:
-        found = align(recording, QUANTITIES, names, between, LONGEST_GAP_SECONDS)
+        found = align(recording, QUANTITIES, names, part, LONGEST_GAP_SECONDS)
         values = found.values
-        if between is not None and len(np.unique(values.get(TRIAL_COLUMN, ()))) > 1:
+        if part is not None and len(np.unique(values.get(TRIAL_COLUMN, ()))) > 1:
             raise InvalidArgumentError(
                 "between must be None where the log has several trials; leave rows out instead"
             )

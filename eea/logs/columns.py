@@ -105,7 +105,7 @@ def found_term(recording: Recording, quantity: str, text: str, mapped: bool) -> 
             raise UnknownNameError(f"it must have one column {name}; it has {has}")
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise UnknownNameError(
+        raise InvalidArgumentError(
             f"map: {quantity} must be a column of the log, as `aquafish logs` lists them; got "
             f"{brief(name)}{hint}"
         )

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.utils.storage import DamagedFileError, open_regular
-from aquafish_gym.utils.validation import MissingExtraError, install_advice
+from aquafish_gym.utils.validation import MissingExtraError, brief, install_advice
 from eea.logs.cells import decoder, is_clock, leaves, named, numbers, stated_units, tabulated
+from eea.logs.libraries import ends_within_message, open_dataflash
 from eea.logs.other_formats import refuse_other
 from eea.logs.streams import Recording, Stream
 
@@ -61,7 +62,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
         except Exception as error:  # each library has its own for a damaged file
             raise DamagedFileError(
                 f"log: {path}: it is a damaged {name} file: copy it from its recorder again "
-                f"({str(error) or type(error).__name__})"
+                f"({brief(str(error)) if str(error) else type(error).__name__})"
             ) from None
     if said.getvalue():
         remarks.append(f"its library says: {said.getvalue().splitlines()[0]}")
@@ -77,9 +78,7 @@ def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
         delimiter = max(",;\t", key=text.partition("\n")[0].count)
         rows = [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except (csv.Error, UnicodeDecodeError) as error:
-        raise DamagedFileError(
-            f"it is no CSV, and no Parquet, BIN, ULog or MCAP file: {error}"
-        ) from None
+        raise DamagedFileError(f"it is no CSV, Parquet, BIN, ULog or MCAP file: {error}") from None
     names = [name.strip() for name in rows.pop(0)] if rows else []
     if rows and len(rows[-1]) < len(names) and not text.endswith("\n"):
         rows.pop()
@@ -113,9 +112,7 @@ def _parquet(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
 
 
 def _ardupilot(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    from pymavlink.DFReader import DFReader_binary
-
-    with DFReader_binary(file.name, zero_time_base=True) as log:
+    with open_dataflash(file.name) as log:
         rows: dict[tuple[str, Any], list[Any]] = defaultdict(list)
         while (row := log.recv_msg()) is not None:
             sensor = row.fmt.instance_field and getattr(row, row.fmt.instance_field)
@@ -139,10 +136,7 @@ def _ulog(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
     from pyulog import ULog
 
     content = file.read()
-    at = 16  # after the header, each message begins with its length and a letter
-    while at + 3 <= len(content):
-        at += 3 + int.from_bytes(content[at : at + 2], "little")
-    if at != len(content):
+    if ends_within_message(content):
         remarks.append(CUT)
     log = ULog(io.BytesIO(content))
     if log.dropouts:
@@ -152,7 +146,7 @@ def _ulog(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
     for one in log.data_list:
         name = one.name if sensors[one.name] == 1 else f"{one.name}[{one.multi_id}]"
         columns = {key: values.astype(np.float64) for key, values in one.data.items()}
-        yield Stream(name, columns, {"timestamp": 1e-6})
+        yield Stream(name, columns, {"timestamp": 1e-6} if "timestamp" in columns else {})
 
 
 def _mcap(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:

@@ -14,6 +14,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraErro
 from eea import read_log
 from eea.__main__ import main
 from eea.logs.alignment import held_means
+from eea.logs.summary import summary
 from eea.logs.tables import read_recording
 from tests.eea.log_files import (
     COMMANDS,
@@ -243,6 +244,29 @@ def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name: str, tmp_
     count = len(log.gyro)
     assert 40 < count < len(RATES)
     np.testing.assert_allclose(log.gyro, RATES[:count], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_damage_anywhere_gives_one_sentence_and_no_other_output(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"swim.{name}"
+    columns = WRITERS[name](path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        damaged = np.frombuffer(whole, np.uint8).copy()
+        count = int(rng.choice([1, 3, 20]))
+        damaged[rng.integers(len(whole), size=count)] = rng.integers(256, size=count)
+        path.write_bytes(damaged.tobytes())
+        said = []
+        for call in (lambda: summary(read_recording(path)), lambda: read_log(path, columns)):
+            try:
+                call()
+            except InvalidArgumentError as error:
+                said.append(str(error))
+        assert not any("\n" in sentence for sentence in said)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "csv"])
