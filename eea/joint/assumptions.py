@@ -22,11 +22,11 @@ from scipy.special import chdtrc
 
 from eea.core.angles import Floats
 from eea.joint.discrepancy import differences
+from eea.joint.evidence import precision_of_samples
 from eea.joint.least_squares import FINE
 from eea.joint.problem import Assumed
 from eea.joint.search import Optima
 from eea.joint.slow_errors import ACTIVE_BOUND_DISTANCE
-from eea.statistics.goodness_of_fit import effective_count
 
 CONTRADICTED_P = 0.05  # the chance of as large a contradiction where the assumptions hold
 UNTOLD_SHARE = 0.5  # of a prior's standard deviation: a number known less well is not told
@@ -81,9 +81,7 @@ def contradiction(optima: Optima) -> Contradiction | None:
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(theta)
     directions = differences(optima, discrepancy.assumed_shapes, theta)[0]  # (E, K, M)
-    residuals = optima.residuals
-    effective = effective_count(residuals) / sum(one.size for one in residuals)
-    weight = effective / optima.sigma**2
+    weight = precision_of_samples(optima)
     inner = (theta[0] > parameters.low + ACTIVE_BOUND_DISTANCE) & (
         theta[0] < parameters.high - ACTIVE_BOUND_DISTANCE
     )

@@ -17,8 +17,7 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
 
     Where its residuals are correlated, only the effective number of samples counts.
     """
-    residuals = best.residuals
-    weight = effective_count(residuals) / sum(one.size for one in residuals) / best.sigma**2
+    weight = precision_of_samples(best)
     parameters = optima.regression.parameters
     theta = optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
@@ -31,6 +30,12 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
         cost = 0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])
         modes.append(Mode(theta[k], information, float(cost), gradient))
     return parameters.posterior(modes)
+
+
+def precision_of_samples(best: Optima) -> float:
+    """Return 1 / sigma^2 of the samples, times the share of them that counts as independent."""
+    residuals = best.residuals
+    return effective_count(residuals) / sum(one.size for one in residuals) / best.sigma**2
 
 
 def with_doubt(

@@ -15,6 +15,8 @@ from eea.core.result import handed_on
 from eea.joint.diagnostics import beyond_range, findings
 from eea.joint.faults import faults, fits_of, unnoticed
 from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES, HypothesisPosterior, mixed
+from eea.joint.identifiability import Identified, Prospect, identified, prospects
+from eea.joint.observed import Trial
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.goodness_of_fit import Goodness
@@ -159,6 +161,30 @@ class JointPosterior:
         choice("hypothesis", hypothesis, fitted)
         return fitted[hypothesis].table(mass)
 
+    def identified(self) -> Identified:
+        """Return which numbers the trials determine, and which only in combination.
+
+        To first order at the best fit of the most probable hypothesis: sums of multiples stand for
+        what else numbers have in common. State a robot by numbers on which its signal depends
+        linearly, where there are such numbers. Hidden angles and what differs from trial to trial
+        is left out. See :mod:`eea.joint.identifiability`.
+        """
+        return identified(self.best_fit)
+
+    def prospects(self, trials: Mapping[str, Trial]) -> dict[str, Prospect]:
+        """Return what each of some trials would tell if it was performed next, the best first.
+
+        The values in a trial's ``signal`` do not matter, only where there will be samples. The
+        trial is imagined at the best fit, its hidden angles at 0 and its own nuisances at their
+        nominal values.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none, or one has other channels than the robot.
+        """
+        return prospects(self.best_fit, self.branches[0].hypothesis, trials)
+
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (h,) of the intervals of a trial's hidden angles, rad.
 
@@ -197,7 +223,7 @@ class JointPosterior:
         if self.goodness.good and self.robot.alternatives:
             return faults(fits_of(self.branches), self.robot) + unnoticed(self.branches)
         if self.goodness.good:
-            return []
+            return [] if self.warm_start is None else self.identified().gaps
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
         said = [self.goodness.verdict]
         if best.hypothesis.name != self.robot.nominal.name:

@@ -17,6 +17,7 @@ from eea.statistics.posterior import Mode, Posterior
 FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
 # Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
+UNIFORM_PRECISION = 12.0  # in 1/range^2, of a number that a log does not determine
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from eea.joint.contradiction import contradictions
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed, Trial
-from eea.joint.parameters import FIXED_PRECISION, Parameters
+from eea.joint.parameters import FIXED_PRECISION, UNIFORM_PRECISION, Parameters
 from eea.joint.problem import Prior
 from eea.joint.recorded import first_guess, infer, noise_left
 from eea.joint.robot_model import RobotModel
@@ -33,7 +33,6 @@ LEARNING_CONFIG = FitConfig(
     alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0
 )
 ROUNDS = 6  # of fits to all logs, each with the noise and the spread of the one before
-UNIFORM_PRECISION = 12.0  # in 1/range^2, of a number that a log does not determine
 
 
 class Look(NamedTuple):

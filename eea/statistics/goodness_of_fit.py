@@ -222,9 +222,13 @@ def autocorrelation(
 
 
 def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
-    """Return the largest residual, divided by its axis's rms over all trials, and in their unit."""
+    """Return the largest residual, divided by its axis's rms over all trials, and in their unit.
+
+    Missing samples, whose residuals are 0, do not count: they would make the others look large.
+    """
     samples = np.concatenate(trials)
-    rms = np.sqrt(np.mean(samples**2, axis=0))
+    there = np.maximum(np.count_nonzero(samples, axis=0), 1)
+    rms = np.sqrt((samples**2).sum(axis=0) / there)
     most = np.abs(samples).max(axis=0)
     worst = int(np.argmax(most / np.maximum(rms, max(floor, 1e-300))))
     return float(most[worst] / rms[worst]), float(most[worst])

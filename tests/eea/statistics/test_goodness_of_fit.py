@@ -108,3 +108,11 @@ def test_white_residuals_louder_than_a_gyroscope_are_no_noise():
     assert "as noise would" not in fit.verdict
     assert "more than a sensor's noise" in fit.verdict
     assert goodness_of_fit(loud / 5.8, parameters=12, sigma=1.0).good
+
+
+def test_missing_samples_do_not_make_the_others_look_large() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (2, 400, 2))
+    whole = goodness_of_fit(noise[:1], parameters=4, sigma=0.01)
+    noise[1] = 0.0  # a trial that is missing
+    half = goodness_of_fit(noise, parameters=4, sigma=0.01, missing=800)
+    assert half.peak_p == pytest.approx(whole.peak_p)
