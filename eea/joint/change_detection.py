@@ -21,7 +21,7 @@ from scipy.stats import chi2, f
 
 from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
-from eea.joint.descent import descend
+from eea.joint.descent import Fitted, descend
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import COARSE, FINE, Regression
@@ -108,12 +108,22 @@ class ChangeDetector:
 
     def _explained(self, observed: Observed, effort: int) -> float:
         """Return the least cost found from ``effort`` random starts."""
-        one = self._one
-        sigma = self._sigma
-        window = Regression(one, observed, sigma)
-        typical = one.into_bounds(one.prior_mean[None])
-        each = -(-effort // POSE_SCANS)
-        starts = [pose(window, typical, each, self._rng)[0] for _ in range(POSE_SCANS)]
-        coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
-        near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]
-        return float(descend(window.misfit(FINE), near, sigma, 10, 1e-3).cost.min())
+        window = Regression(self._one, observed, self._sigma)
+        return float(fit_near_prior(window, self._sigma, effort, self._rng).cost[0])
+
+
+def fit_near_prior(
+    window: Regression, sigma: float, effort: int, rng: np.random.Generator
+) -> Fitted:
+    """Return the best fit of a trial from the prior's mean and ``effort`` random initial states.
+
+    ``sigma`` is the standard deviation of the noise, of each channel's own where it is known.
+    """
+    one = window.parameters
+    typical = one.into_bounds(one.prior_mean[None])
+    each = -(-effort // POSE_SCANS)
+    starts = [pose(window, typical, each, rng)[0] for _ in range(POSE_SCANS)]
+    coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
+    near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]
+    fits = descend(window.misfit(FINE), near, sigma, 10, 1e-3)
+    return fits.of([int(fits.cost.argmin())])

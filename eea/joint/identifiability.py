@@ -29,7 +29,7 @@ from eea.joint.assumptions import UNTOLD_SHARE
 from eea.joint.evidence import precision_of_samples
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed, Trial
-from eea.joint.parameters import FIXED_PRECISION, UNIFORM_PRECISION, Parameters
+from eea.joint.parameters import UNIFORM_PRECISION, Parameters
 from eea.joint.problem import Hypothesis
 from eea.joint.search import Optima
 
@@ -151,33 +151,26 @@ def _known(best: Optima) -> _Known:
     """Return the information on the common numbers at a best fit."""
     parameters = best.regression.parameters
     theta = best.fits.theta[0]
-    entries = _common(parameters)
-    prior = _proper_prior(parameters)
+    entries = parameters.common_entries()
+    prior = proper_prior(parameters)
     trials = precision_of_samples(best) * _normal(best.regression, theta)
     return _Known(
         parameters,
         theta,
         entries,
         prior[np.ix_(entries, entries)],
-        _without_own(trials, prior, entries),
+        without_own(trials, prior, entries),
     )
 
 
-def _common(parameters: Parameters) -> NDArray[np.intp]:
-    """Return which entries are common to all trials, sought, and no angles."""
-    sought = parameters.prior_precision < FIXED_PRECISION
-    common = np.array(["@" not in name for name in parameters.names])
-    return np.flatnonzero(sought & common & ~parameters.circular)
-
-
-def _proper_prior(parameters: Parameters) -> Floats:
+def proper_prior(parameters: Parameters) -> Floats:
     """Return the prior's precision (P, P), with that of a range or a turn where it is uniform."""
     uniform = np.where(parameters.circular, UNIFORM_PRECISION / TURN**2, UNIFORM_PRECISION)
     least = np.where(parameters.prior_precision > 0.0, 0.0, uniform)
     return np.asarray(parameters.prior_information + np.diag(least))
 
 
-def _without_own(trials: Floats, prior: Floats, entries: NDArray[np.intp]) -> Floats:
+def without_own(trials: Floats, prior: Floats, entries: NDArray[np.intp]) -> Floats:
     """Return trials' information (n, n) on some entries after the others are integrated out."""
     others = np.setdiff1d(np.arange(len(trials)), entries)
     cross = trials[np.ix_(entries, others)]
@@ -199,7 +192,7 @@ def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Tria
     theta[entries] = known.theta[known.entries]
     observed = replace(Observed.of([trial], robot), noise=best.regression.observed.noise)
     normal = _normal(Regression(one, observed, None), theta)
-    return _without_own(precision_of_samples(best) * normal, _proper_prior(one), entries)
+    return without_own(precision_of_samples(best) * normal, proper_prior(one), entries)
 
 
 def _normal(regression: Regression, theta: Floats) -> Floats:

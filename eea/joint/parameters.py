@@ -185,6 +185,12 @@ class Parameters:
         """Return which entries (h,) are a trial's hidden angles."""
         return self.slots[trial, self.slots.shape[1] - len(self.robot.hidden) :]
 
+    def common_entries(self) -> NDArray[np.intp]:
+        """Return which entries are sought and common to all trials, and are no angles."""
+        sought = self.prior_precision < FIXED_PRECISION
+        common = np.array(["@" not in name for name in self.names])
+        return np.flatnonzero(sought & common & ~self.circular)
+
     def own_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries are a trial's alone."""
         own = [

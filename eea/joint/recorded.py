@@ -77,7 +77,7 @@ def infer(
     _check_enough(robot.varying(config.per_trial), observed, config, noise is not None)
     rng = np.random.default_rng(seed)
     if noise is not None:
-        known = _given(noise, robot)
+        known = known_noise(noise, robot)
         config = replace(config, noise=1.0)  # times the channels' own
         return fit(
             replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
@@ -162,7 +162,7 @@ def first_guess(robot: RobotModel, observed: Observed) -> Noise:
     return Noise(np.array(spread), np.zeros(len(spread)))
 
 
-def _given(noise: Mapping[str, float] | Noise, robot: RobotModel) -> Noise:
+def known_noise(noise: Mapping[str, float] | Noise, robot: RobotModel) -> Noise:
     """Return known noise, by the channels' names or as it was found, as it is reckoned with."""
     if isinstance(noise, Noise):
         each = (len(robot.channels),)

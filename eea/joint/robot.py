@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from eea.core.config import FitConfig
 from eea.joint.robot_model import RobotModel
+from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 
 if TYPE_CHECKING:  # they load scipy, and a statement needs none
+    from eea.joint.follower import Follower
     from eea.joint.joint_posterior import JointPosterior
     from eea.joint.observed import Trial
     from eea.joint.reference import Reference
@@ -112,3 +114,18 @@ class Robot(RobotModel):
         from eea.joint.reference import learn
 
         return learn(self, known_good, sessions, seed, config, ongoing)
+
+    def follow(
+        self,
+        noise: Mapping[str, float] | Noise,
+        alarm: float = FALSE_ALARM_RATE,
+        drift: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> Follower:
+        """Return what follows the numbers through a log, window by window.
+
+        See :class:`eea.joint.follower.Follower`.
+        """
+        from eea.joint.follower import Follower
+
+        return Follower(self, noise, alarm, drift, seed)
