@@ -3,6 +3,7 @@
 import ast
 import pathlib
 import re
+import runpy
 
 from docutils import nodes
 from numpy.typing import ArrayLike
@@ -146,9 +147,12 @@ class LinkedNames(SphinxPostTransform):
 
 
 def add_page(app: Sphinx, error: Exception | None) -> None:
-    """Write the page in which the fish swims beside the documents."""
+    """Write the page in which the fish swims, and simulations, beside the documents."""
     if error is None and app.builder.format == "html":
-        write_live_page(pathlib.Path(app.outdir) / "fish.html")
+        out = pathlib.Path(app.outdir)
+        write_live_page(out / "fish.html")
+        answer = runpy.run_path(str(ROOT / "examples" / "answers" / "browser.py"))
+        answer["main"](out / "answers")
 
 
 def setup(app: Sphinx) -> None:

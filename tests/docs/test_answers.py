@@ -37,12 +37,12 @@ def printed_and_shown(
     return list(filterfalse(is_of_others, printed)), list(filterfalse(is_of_others, shown))
 
 
-@pytest.mark.parametrize("name", ["constants", "unmeasured"])
+@pytest.mark.parametrize("name", ["browser", "constants", "unmeasured"])
 def test_an_answer_prints_what_its_page_shows(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     printed, shown = printed_and_shown(name, SHORTER.get(name, {}), capsys)
-    assert len(printed) > 9
+    assert len(printed) > 2
     assert printed == (shown[: len(printed)] if name in SHORTER else shown)
 
 
