@@ -27,12 +27,13 @@ from eea.core.angles import TURN, Floats
 from eea.core.checks import ConfigurationError, TargetError, mapping
 from eea.joint.assumptions import UNTOLD_SHARE
 from eea.joint.evidence import precision_of_samples
-from eea.joint.least_squares import FINE, Regression
+from eea.joint.least_squares import FINE, Misfit, Regression
 from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import UNIFORM_PRECISION, Parameters
 from eea.joint.problem import Hypothesis
 from eea.joint.search import Optima
 
+STEP_SHARES = (1.0, 0.1, 0.01)  # of ``FINE.difference``: steps of central differences
 MOST_PLACES = 9  # of a number in a sentence
 LEAST_COEFFICIENT = 1e-3  # in prior sds: derivatives by differences are not as accurate
 
@@ -198,19 +199,29 @@ def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Tria
 def _normal(regression: Regression, theta: Floats) -> Floats:
     """Return J^T J (P, P) at a vector (P,), by central differences.
 
-    The errors of forward differences would pass for information along directions that have none.
+    Errors of derivatives would pass for information along directions that have none. Each number
+    has the step of three that fits: at ``FINE.difference`` rounding is small, but where a trial
+    magnifies small differences only a smaller step is small enough.
     """
     parameters = regression.parameters
     misfit = regression.misfit(FINE)
-    step = FINE.difference
-    inside = np.clip(theta, parameters.low + step, parameters.high - step)
-    steps = step * np.eye(len(theta))
-    residuals = misfit.residuals(np.concatenate([inside + steps, inside - steps]))
-    rise = residuals[: len(theta)] - residuals[len(theta) :]
-    slopes = rise.reshape(len(theta), -1) / (2.0 * step)
+    inside = np.clip(theta, parameters.low + FINE.difference, parameters.high - FINE.difference)
+    slopes = np.array([_slopes(misfit, inside, FINE.difference * share) for share in STEP_SHARES])
     if not np.isfinite(slopes).all():
         raise TargetError("the simulation of a trial does not stay finite near the best fit")
-    return np.asarray(slopes @ slopes.T)
+    first, second = np.linalg.norm(np.diff(slopes, axis=0), axis=2)  # (P,) each
+    # The error of a central difference falls by 100 from step to step, and rounding rises by 10.
+    step = np.where(first <= second, 0, np.where(50.0 * second > first, 1, 2))
+    chosen = slopes[step, np.arange(len(theta))]
+    return np.asarray(chosen @ chosen.T)
+
+
+def _slopes(misfit: Misfit, theta: Floats, step: float) -> Floats:
+    """Return the derivatives (P, N) of the residuals at a vector (P,), by central differences."""
+    steps = step * np.eye(len(theta))
+    residuals = misfit.residuals(np.concatenate([theta + steps, theta - steps]))
+    rise = residuals[: len(theta)] - residuals[len(theta) :]
+    return np.asarray(rise.reshape(len(theta), -1) / (2.0 * step), np.float64)
 
 
 def _identified(known: _Known, trials: Floats) -> Identified:

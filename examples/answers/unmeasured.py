@@ -38,8 +38,8 @@ TRUTH = {
     1: {"mass": 1.2, "centre": -0.12, "inertia": 0.02, "damping": 0.05},
     2: {"mass": 0.8, "centre": -0.1, "inertia": 0.01, "damping": 0.03},
 }
-STEPS = 400  # in a trial
-STEP_SECONDS = 0.005
+STEPS = 200  # in a trial
+STEP_SECONDS = 0.01
 SYSID_STARTS = 6
 NOISE = {"angle": 0.002, "rate": 0.02, "force": 0.1}  # rad, rad/s, N
 

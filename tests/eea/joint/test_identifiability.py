@@ -132,3 +132,17 @@ def test_a_nuisance_that_its_prior_tells_as_well_is_open():
 def test_no_trials_are_refused(found):
     with pytest.raises(ConfigurationError, match="trials must be one or more, by name; got none"):
         found.prospects({})
+
+
+def test_a_trial_that_magnifies_small_differences_tells_no_more_than_a_sum():
+    def shake(values, stretch):
+        phase = values["a"] + 2.0 * values["b"]
+        return np.sin(stretch[:, :1] * phase[:, None] * np.linspace(0.5, 1.0, 200))[:, :, None]
+
+    robot = Robot({"a": (0.0, 1.0), "b": (0.0, 1.0)}, shake, {"signal": "V"})
+    signal = shake({"a": np.array([0.3]), "b": np.array([0.4])}, np.array([[1.0]]))[0]
+    signal += np.random.default_rng(0).normal(0.0, 0.001, signal.shape)
+    found = robot.infer([Trial(signal, [1.0])], noise={"signal": 0.001}, config=EFFORT)
+    wild = found.prospects({"wild": Trial(signal, [2e4])})["wild"]
+    assert len(wild.identified.untold) == 1
+    assert len(wild.identified.told) == 1
