@@ -180,6 +180,7 @@ class Follower:
             self._doubted = False
             self._known = self._after(regression, best.theta[0], known)
             return Followed(self.table(), innovation, p, alarm=False)
+        self._known = known
         if not self._doubted:
             self._doubted = True
             return Followed(self.table(), innovation, p, True, (ALARM_FINDING,), explained=False)
@@ -216,14 +217,19 @@ class Follower:
         return Prior(tuple(self._names), plain.prior_mean[entries], covariance)
 
     def _first(self, window: Trial) -> Followed:
-        """Return what is known after the first window, which is searched as any trial is."""
+        """Return what is known after the first window, which is searched as any trial is.
+
+        One that nothing explains is left out, and the next one is the first.
+        """
         plain = replace(self._robot, hypotheses=())
         found = infer(plain, [window], self._seed, noise=self._noise)
-        optima = found.best_fit
-        before = self._ignorance()
-        self._known = self._after(optima.regression, optima.fits.theta[0], before)
         p = found.goodness.p
-        return Followed(self.table(), None, p, p < self._alarm, tuple(found.findings), found.good)
+        alarm = p < self._alarm
+        if not alarm:
+            optima = found.best_fit
+            before = self._ignorance()
+            self._known = self._after(optima.regression, optima.fits.theta[0], before)
+        return Followed(self.table(), None, p, alarm, tuple(found.findings), not alarm)
 
     def _regression(self, window: Trial, known: Prior) -> Regression:
         robot = replace(self._robot, hypotheses=(), prior=known)

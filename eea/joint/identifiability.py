@@ -228,6 +228,8 @@ def _identified(known: _Known, trials: Floats) -> Identified:
     """Return what information (n, n) on the common numbers determines."""
     parameters = known.parameters
     names = [parameters.names[i] for i in known.entries]
+    if not names:
+        return Identified((), {})
     size = np.diag(np.linalg.inv(known.prior)) ** 0.5  # (n,), the prior's standard deviations
     root = np.linalg.cholesky(known.prior)
     half = np.linalg.solve(root, np.linalg.solve(root, trials).T)

@@ -223,12 +223,21 @@ class JointPosterior:
         if self.goodness.good and self.robot.alternatives:
             return faults(fits_of(self.branches), self.robot) + unnoticed(self.branches)
         if self.goodness.good:
-            return [] if self.warm_start is None else self.identified().gaps
+            return self._gaps()
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
         said = [self.goodness.verdict]
         if best.hypothesis.name != self.robot.nominal.name:
             said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
         return said + beyond_range(best.posterior, self.robot)
+
+    def _gaps(self) -> list[str]:
+        """Return what was not measured; nothing of a file, or where nearby robots diverge."""
+        if self.warm_start is None:
+            return []
+        try:
+            return self.identified().gaps
+        except TargetError:
+            return []
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything except the modes' covariances, ready for JSON.

@@ -183,3 +183,16 @@ def test_numbers_that_are_stated_are_refused():
     stated = Robot({"stiffness": (0.0, 10.0), "damping": (0.0, 4.0)}, push, FEELS, {"damping": 1.0})
     with pytest.raises(ConfigurationError, match="whole must be empty where numbers are followed"):
         stated.follow(NOISE)
+
+
+def test_a_first_window_that_nothing_explains_is_left_out():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    odd = window(rng)
+    odd.signal[20:] *= -1.0
+    followed = follower.update(odd)
+    assert followed.alarm
+    assert not followed.explained
+    assert followed.table["stiffness"][0] == 5.0
+    assert not follower.update(window(rng)).alarm
+    assert follower.table()["damping"][0] == pytest.approx(1.0, abs=0.1)

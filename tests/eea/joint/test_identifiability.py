@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eea import FitConfig, Normal, Nuisance, Robot, Trial
-from eea.core.checks import ConfigurationError
+from eea.core.checks import ConfigurationError, TargetError
 
 TIME = np.arange(60)
 EFFORT = FitConfig(bodies=8, poses=2, descents=4, polished=1, restarts=0)
@@ -146,3 +146,33 @@ def test_a_trial_that_magnifies_small_differences_tells_no_more_than_a_sum():
     wild = found.prospects({"wild": Trial(signal, [2e4])})["wild"]
     assert len(wild.identified.untold) == 1
     assert len(wild.identified.told) == 1
+
+
+def test_where_nearby_robots_diverge_there_are_no_findings():
+    diverges = []
+
+    def brittle(values, _):
+        signal = np.tile(values["a"][:, None, None], (1, 9, 1))
+        return signal * np.nan if diverges else signal
+
+    robot = Robot({"a": (0.0, 2.0)}, brittle, {"s": "kg"})
+    signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
+    found = robot.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT)
+    diverges.append(True)
+    with pytest.raises(TargetError, match="does not stay finite near the best fit"):
+        found.identified()
+    assert found.findings == []
+
+
+def test_a_robot_of_which_all_is_known_has_nothing_to_tell():
+    robot = Robot(
+        {"a": (0.0, 2.0)},
+        lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)),
+        {"s": "kg"},
+        whole={"a": 0.7},
+        hypotheses=(),
+    )
+    signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
+    known = robot.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT).identified()
+    assert known.told == ()
+    assert known.findings == []
