@@ -12,6 +12,7 @@ import pytest
 MAY_BE_SKIPPED = {
     "no browser is installed here": "pip has none, and apt is not everywhere",
     "Xvfb is not installed": "pip has none, and apt is not everywhere",
+    "could not import 'jax'": "no extra has it",
     "needs tkinter": "Python may be built without it",
     "there is no C compiler, cc": "pip has none",
     "there is no JavaScript engine, node": "pip has none, and apt is not everywhere",

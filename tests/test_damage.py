@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
-from aquafish_gym.damage.words import PARTS
+from aquafish_gym.damage.words import PARTS, can_grow
 from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
@@ -24,13 +26,17 @@ onsets = st.one_of(
     st.just(0.0), seconds, st.tuples(seconds, seconds).map(lambda two: tuple(sorted(two)))
 )
 whens = st.fixed_dictionaries({"onset": onsets, "duration": st.none() | st.floats(1e-3, 1e6)})
+growths = st.none() | st.floats(1e-3, 1e6)
 
 
 def at_any_time(*kinds: st.SearchStrategy[Fault]) -> st.SearchStrategy[Fault]:
     """What breaks from the beginning to the end, or at some time for a while."""
-    return st.one_of(*kinds) | st.builds(
-        lambda f, when: replace(f, **when), st.one_of(*kinds), whens
-    )
+    return st.one_of(*kinds) | st.builds(timed, st.one_of(*kinds), whens, growths)
+
+
+def timed(fault: Fault, when: dict[str, Any], growth: float | None) -> Fault:
+    grows = fault.part == "random" or can_grow(fault.word, PARTS[fault.part][fault.word])
+    return replace(fault, **when, growth=growth if grows else None)
 
 
 def faults_of(part: str, word: str) -> st.SearchStrategy[Fault]:
@@ -129,6 +135,10 @@ def test_several_faults_join_in_any_form() -> None:
         ("caudal:length=inf", "must be finite"),
         ("caudal:missing=1", "takes no number"),
         ("caudal:missing@4+0", "damage duration must lie in"),
+        ("caudal:weak=0.5@4~0", "damage growth must lie in"),
+        ("caudal:weak=0.5~2", "did you mean 'caudal:weak=0.5@0~2'"),
+        ("caudal:seized@4~2", "strikes at once: of caudal, length and width and thickness and"),
+        ("gyro:delay=1@4~2", "strikes at once: of gyro, noise and scale can grow"),
         ("caudal:Missing", "did you mean 'missing'"),
     ],
 )
@@ -250,6 +260,46 @@ def test_fault_holds_in_control_steps_that_begin_at_its_onset_or_later(
         )
         now = stages[max(begin for begin in stages if begin <= step)]
         assert now.sensor_bias[0, CHANNELS.index("gyro_x")] == expected
+
+
+def test_a_fault_that_grows_has_its_number_after_the_growth() -> None:
+    damage = Damage.parse("gyro_x:bias=0.6@1+2~0.5; caudal:length=0.5@2~0.4; caudal:weak=0.2@0~1")
+    scenario = damage.edit(Scenario.create(), hold=20)
+    stages = {0: scenario} | {change.step: change.to for change in scenario.schedule}
+
+    def each(number: Callable[[Scenario], float]) -> list[float]:
+        steps = [max(begin for begin in stages if begin <= step) for step in range(0, 320, 20)]
+        return np.round([number(stages[step]) for step in steps], 9).tolist()  # type: ignore[no-any-return]
+
+    bias = each(lambda now: now.sensor_bias[0, CHANNELS.index("gyro_x")])
+    assert bias == [0, 0, 0, 0, 0, 0.24, 0.48, *[0.6] * 8, 0]
+    whole = NOMINAL.caudal[1]
+    length = each(lambda now: now.body[0, 7] / whole)
+    assert length == [*[1] * 10, 0.75, *[0.5] * 5]
+    gain = each(lambda now: now.servo_gain[0, 2])
+    assert gain == [0.84, 0.68, 0.52, 0.36, *[0.2] * 12]
+
+
+def test_of_random_damage_what_has_a_size_grows() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [Damage.parse("random:moderate@1~2").sample(rng).faults[0] for _ in range(50)]
+    words = {fault.word: fault.growth for fault in drawn}
+    assert words["weak"] == words["length"] == 2.0
+    assert words["seized"] is None
+
+
+def test_a_growth_of_too_many_steps_is_refused() -> None:
+    damage = Damage.parse("caudal:weak=0.5@1~100")
+    with pytest.raises(InvalidArgumentError, match=r"within 1000 steps of 0\.01 s; got 100 s"):
+        damage.edit(Scenario.create())
+
+
+def test_faults_are_listed_with_a_growth_only_if_they_grow() -> None:
+    damage = Damage.parse("caudal:weak=0.5@1~2;caudal:dead")
+    first, second = damage.to_list()
+    assert first["growth"] == 2.0
+    assert "growth" not in second
+    assert Damage.coerce(damage.to_list()) == damage
 
 
 def test_each_robot_may_have_damage_of_its_own() -> None:

@@ -3,6 +3,7 @@
 In text a fault is ``part:word`` or ``part:word=number``, and faults are joined by ``;`` or ``,``:
 ``left_pectoral:length=0.5; caudal:missing``. ``@onset`` and ``+duration``, in seconds, limit it to
 a part of an episode, ``caudal:seized@4+2``; with a dash the onset is random, ``random:mild@2-8``.
+``~growth`` lets its number grow from the onset on: ``gyro_z:bias=0.2@4~3``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS, Chance, Tier
-from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, needs_number
+from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, can_grow, needs_number
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -155,7 +156,7 @@ class Damage:
             _resized(morphology, active)
 
     def check_steps(self, dt: float) -> None:
-        """Raise InvalidArgumentError if a delay or hold fits no steps of ``dt`` s."""
+        """Raise InvalidArgumentError if a delay, hold or growth fits no steps of ``dt`` s."""
         positive("dt", dt)
         for fault in self.faults:
             fault.check_steps(dt)
@@ -192,17 +193,23 @@ class Damage:
         """Return the active faults at step 0, and at each later one where they begin or end.
 
         Steps are of ``dt`` s. A fault holds in the steps that begin at its onset or later, and in
-        one at least. InvalidArgumentError if an onset is random.
+        one at least. One that grows changes in each step until it has its full size.
+        InvalidArgumentError if an onset is random, or a growth takes too many steps.
         """
         positive("dt", dt)
         spans = [(fault, *fault.steps(dt)) for fault in self.faults]
 
         def active(now: int) -> tuple[Fault, ...]:
             return tuple(
-                f for f, first, end in spans if first <= now and (end is None or now < end)
+                f.grown(now - first, dt)
+                for f, first, end in spans
+                if first <= now and (end is None or now < end)
             )
 
         changes = {step for _, *span in spans for step in span if step is not None}
+        for fault, first, end in spans:
+            grown = first + fault.growing_steps(dt)
+            changes |= set(range(first, grown if end is None else min(grown, end)))
         return [(now, active(now)) for now in sorted({0, *changes})]
 
     def body(self, morphology: Morphology) -> Morphology:
@@ -227,7 +234,7 @@ class Damage:
         """Return the damage that only changes the body, throughout, and the rest."""
         parts: tuple[list[Fault], list[Fault]] = ([], [])
         for fault in self.faults:
-            lasting = fault.changes_body and fault.onset == 0.0 and fault.duration is None
+            lasting = fault.changes_body and not fault.is_timed
             parts[0 if lasting else 1].append(fault)
         return type(self)(tuple(parts[0])), type(self)(tuple(parts[1]))
 
@@ -241,8 +248,12 @@ class Damage:
         return ";".join(map(str, self.faults)) or "none"
 
     def to_list(self) -> list[dict[str, Any]]:
-        """Return the faults as objects ready for JSON."""
-        return [asdict(fault) for fault in self.faults]
+        """Return the faults as objects ready for JSON; ``growth`` is that of those which grow."""
+        listed = [asdict(fault) for fault in self.faults]
+        for fault in listed:
+            if fault["growth"] is None:
+                del fault["growth"]
+        return listed
 
 
 def edit_each(scenario: Scenario, damages: Sequence[Damage], hold: int = 1) -> Scenario:
@@ -299,7 +310,8 @@ def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]
         number = float(rng.uniform(chance.low, chance.high))
         number *= int(rng.choice((-1, 1))) if word == "bias" else 1
         taken = number if needs_number(whole.pop(part)[word]) else None
-        found.append(replace(fault, part=part, word=word, number=taken, onset=onset))
+        grows = fault.growth if can_grow(word, parts[part][word]) else None
+        found.append(replace(fault, part=part, word=word, number=taken, onset=onset, growth=grows))
     return found
 
 
@@ -335,7 +347,8 @@ def _fault_from(value: Fault | Mapping[str, Any]) -> Fault:
 _TIME = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
 _FAULT = re.compile(
     r"(?P<part>[^:=@]+):(?P<word>[^:=@+]+)(?:=(?P<number>[^:=@]*))?"
-    rf"(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
+    rf"(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?"
+    rf"(?:~(?P<growth>{_TIME}))?)?"
 )
 
 
@@ -344,19 +357,20 @@ def _fault_from_text(text: str) -> Fault:
     try:
         if found is None:
             raise ValueError
-        number, onset, latest, duration = (
+        number, onset, latest, duration, growth = (
             None if digits is None else float(digits)
-            for digits in found.group("number", "onset", "latest", "duration")
+            for digits in found.group("number", "onset", "latest", "duration", "growth")
         )
     except ValueError:
         said = text.strip()
-        timed = re.sub(r"(?=\+[^+@]*$)", "@0", said)  # a duration needs its onset
+        timed = re.sub(r"(?=[+~][^+@]*$)", "@0", said)  # a duration needs its onset
         hint = (
             f"; did you mean {brief(timed)}?" if timed != said and _FAULT.fullmatch(timed) else ""
         )
         raise InvalidArgumentError(
             "damage must be written part:word=number, as left_pectoral:length=0.5, caudal:missing "
-            "or action_0:dead, with @onset+duration in s where it does not last throughout; got "
+            "or action_0:dead, with @onset+duration in s where it does not last throughout, and "
+            "~growth in s where it grows; got "
             f"{brief(said)}{hint}"
         ) from None
     begin = onset or 0.0
@@ -366,4 +380,5 @@ def _fault_from_text(text: str) -> Fault:
         number,
         begin if latest is None else (begin, latest),
         duration,
+        growth,
     )

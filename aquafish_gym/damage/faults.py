@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from aquafish_gym.damage.words import (
     SHORTEST_SECONDS,
     Range,
     Words,
+    can_grow,
     needs_number,
 )
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
@@ -38,6 +39,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
+MAXIMUM_GROWTH_STEPS = 1000  # in each, the robot changes
 _COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
@@ -59,6 +61,9 @@ class Fault:
         In s; or the earliest and the latest, between which it is drawn.
     duration
         In s; None is until the end.
+    growth
+        In s; until then from the onset the number grows evenly, from the one that changes nothing.
+        None is at once.
 
     Raises
     ------
@@ -70,6 +75,8 @@ class Fault:
     --------
     >>> str(Fault("caudal", "seized", onset=4, duration=2))
     'caudal:seized@4.0+2.0'
+    >>> str(Fault("gyro_z", "bias", 0.2, onset=4, growth=3))
+    'gyro_z:bias=0.2@4.0~3.0'
     """
 
     part: str
@@ -77,6 +84,7 @@ class Fault:
     number: float | None = None
     onset: float | tuple[float, float] = 0.0
     duration: float | None = None
+    growth: float | None = None
 
     def __post_init__(self) -> None:
         words = _words(self.part)
@@ -103,9 +111,19 @@ class Fault:
             object.__setattr__(self, "onset", (early, late))
         else:
             self._check("onset", "damage onset", Range(0.0, LONGEST_SECONDS, unit="s"))
+        lasting = Range(SHORTEST_SECONDS, LONGEST_SECONDS, unit="s")
         if self.duration is not None:
-            lasting = Range(SHORTEST_SECONDS, LONGEST_SECONDS, unit="s")
             self._check("duration", "damage duration", lasting)
+        if self.growth is not None:
+            self._check(
+                "growth", "damage growth", Range(SHORTEST_SECONDS, LONGEST_SECONDS, unit="s")
+            )
+            if self.part != RANDOM and not can_grow(self.word, wanted):
+                growing = [word for word, number in words.items() if can_grow(word, number)]
+                raise InvalidArgumentError(
+                    f"{name} strikes at once: of {self.part}, {' and '.join(growing)} can grow; "
+                    f"got the growth {self.growth:g} s"
+                )
         angle = self.word == "seized" and self.number is not None and self.part in FINS
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
@@ -142,14 +160,40 @@ class Fault:
         first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
         return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
 
+    def growing_steps(self, dt: float) -> int:
+        """Return how many steps of ``dt`` s it takes to grow, the last of them at its full size.
+
+        InvalidArgumentError if it takes too many.
+        """
+        if self.growth is None:
+            return 1
+        if self.growth / dt > MAXIMUM_GROWTH_STEPS:
+            raise InvalidArgumentError(
+                f"damage {self} must grow within {MAXIMUM_GROWTH_STEPS} steps of {dt:g} s; "
+                f"got {self.growth:g} s"
+            )
+        return max(1, math.ceil(self.growth / dt - STEP_ROUNDING))
+
+    def grown(self, steps: int, dt: float) -> Fault:
+        """Return the fault as it is in its step number ``steps``, from 0, of ``dt`` s."""
+        if self.growth is None:
+            return self
+        share = min(1.0, (steps + 1) * dt / self.growth)
+        wanted = _words(self.part)[self.word]
+        if share == 1.0 or self.number is None or wanted is None or wanted.neutral is None:
+            return replace(self, growth=None)
+        number = wanted.neutral + share * (self.number - wanted.neutral)
+        return replace(self, number=number, growth=None)
+
     @property
     def is_timed(self) -> bool:
         """Whether it takes the length of a step to say what it does."""
-        late = self.word in ("delay", "hold")
+        late = self.word in ("delay", "hold") or self.growth is not None
         return late or self.onset != 0.0 or self.duration is not None
 
     def check_steps(self, dt: float) -> None:
-        """Raise InvalidArgumentError for a delay or hold that fits no steps of ``dt`` s."""
+        """Raise InvalidArgumentError for a delay, hold or growth that fits no steps of ``dt`` s."""
+        self.growing_steps(dt)
         if self.word not in ("delay", "hold") or self.number is None:
             return
         steps, wanted = self.number / dt, f"at least a step, {dt:g} s"
@@ -207,6 +251,7 @@ class Fault:
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
         onset, lasts = self.onset, "" if self.duration is None else f"+{self.duration!r}"
+        lasts += "" if self.growth is None else f"~{self.growth!r}"
         if isinstance(onset, tuple):
             return f"{text}@{onset[0]!r}-{onset[1]!r}{lasts}"
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")

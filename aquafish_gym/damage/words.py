@@ -98,6 +98,11 @@ def needs_number(number: Range | None) -> TypeGuard[Range]:
     return number is not None and not number.optional
 
 
+def can_grow(word: str, number: Range | None) -> bool:
+    """Return whether a word may grow: its number has one that changes nothing, and is no time."""
+    return number is not None and number.neutral is not None and word not in ("delay", "hold")
+
+
 def forms_of(words: Words) -> str:
     """Return how words are written, for a message: ``weak=GAIN, reversed, dead``."""
     forms = []

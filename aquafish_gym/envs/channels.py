@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box, Space
@@ -21,9 +21,17 @@ from aquafish_gym.damage.sensors import (
 )
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.damage.words import CHANNEL_WORDS, RANDOM
-from aquafish_gym.envs.robots import Schedule
+from aquafish_gym.envs.robots import NO_CHANGE_STEP, Schedule
 from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
+
+
+class Tables(NamedTuple):
+    """The stages of the damages of P episodes, R rows in all: those of an episode in order."""
+
+    first: Rows  #: (P,) the row with which each episode begins
+    until: Rows  #: (R,) the step with which the next row begins; ``NO_CHANGE_STEP`` if none does
+    columns: dict[str, NDArray[Any]]  #: what is broken: (R,), or (R, channels) of one side
 
 
 class Channels:
@@ -92,6 +100,22 @@ class Channels:
         self._schedule = Schedule(count)  # of the faults that are active from a step on
         self._everyone = np.arange(count)
 
+    @property
+    def bounds(self) -> dict[str, tuple[Floats, Floats]]:
+        """The lowest and the highest number of each channel of both sides."""
+        return {"action": (self._low, self._high), "observation": self._ends}
+
+    @property
+    def neutral(self) -> Floats:
+        """The action (A,) at which actuators do nothing."""
+        neutral: Floats = self._neutral
+        return neutral
+
+    @property
+    def dt(self) -> float:
+        """The length of a step in s; 1 if it is unknown."""
+        return self._dt or 1.0
+
     def check(self, value: object, last_step: int | None = None) -> Damage:
         """Return what ``Damage.coerce`` does; InvalidArgumentError if these robots cannot have it.
 
@@ -140,15 +164,19 @@ class Channels:
         self._sensors.reset(rows)
         self._lines.reset(rows)
         self._expect(damages)
+        self._plan(rows, damages)
+        self._change(rows)
+
+    def _plan(self, rows: Rows, damages: Sequence[Damage]) -> None:
+        """Schedule n damages of the robots ``rows`` (n,), from their first step on."""
         self._schedule.clear(rows)
         for robot, damage in zip(rows.tolist(), damages, strict=True):
-            for step, faults in damage.stages(self._dt or 1.0):
+            for step, faults in damage.stages(self.dt):
                 self._schedule.add(robot, step, faults)
-        self._change(rows)
 
     def _expect(self, damages: Sequence[Damage]) -> None:
         """Let channels keep their numbers, where one will be late in an episode."""
-        dt = self._dt or 1.0
+        dt = self.dt
         delays = {"action": 0.0, "observation": 0.0}  # all of a robot's may add up, s
         for damage in damages:
             for side in delays:
@@ -169,17 +197,19 @@ class Channels:
         asked = actions.reshape(self._gain.shape)
         if self._lines.active:
             asked = self._lines.carry(asked, self._everyone)
-        done = self._done = np.clip(asked, self._low, self._high)
         if not self._acts and not self._lines.active:
+            self._done = self._clip(asked)
             return None
-        whole = np.clip(self._scale * done, self._low, self._high)
-        scaled = self._neutral + self._gain * (whole - self._neutral)
-        scaled = np.clip(scaled, self._low, self._high)
         turned = (self._gain != 1.0) | (self._scale != 1.0)
-        self._done = np.where(self._seized, self._held, np.where(turned, scaled, done))
+        moved = actuate(self._clip, asked, self._neutral, self._scale, self._gain)
+        whole = np.where(turned, moved, self._clip(asked))
+        self._done = np.where(self._seized, self._held, whole)
         # What whole channels are asked outside of the space is left to the environment.
         acted = np.where(self._seized | turned, self._done, asked)
         return _as(self.action, acted).reshape(actions.shape)
+
+    def _clip(self, actions: Floats) -> Floats:
+        return np.clip(actions, self._low, self._high)
 
     def observe(
         self,
@@ -234,6 +264,15 @@ class Channels:
 
     def _change(self, rows: Rows) -> None:
         """Let robots be broken by the faults of their next stage."""
+        self._sensors.update(rows, self._break(rows))
+        dt = self.dt
+        self._lines.update(rows, delay_steps(self._delay[rows], dt), self._hold[rows] / dt)
+        self._broken = self._sensors.readings.broken
+        self._acts = bool((self._seized | (self._gain != 1.0) | (self._scale != 1.0)).any())
+        self._senses = self._sensors.remembers or bool(self._broken.any())
+
+    def _break(self, rows: Rows) -> Readings:
+        """Set actuators as the faults of the next stage do; return what these do to sensors."""
         bias = self._sensors.readings.bias
         readings = Readings.whole(len(rows), bias.shape[1], bias.dtype.type)
         for i, robot in enumerate(rows.tolist()):
@@ -264,12 +303,61 @@ class Channels:
                         self._held[robot, where], stood[where] = number, True
             fresh = self._seized[robot] & ~stood
             self._held[robot, fresh] = self._done[robot, fresh]
-        self._sensors.update(rows, readings)
-        dt = self._dt or 1.0
-        self._lines.update(rows, delay_steps(self._delay[rows], dt), self._hold[rows] / dt)
-        self._broken = self._sensors.readings.broken
-        self._acts = bool((self._seized | (self._gain != 1.0) | (self._scale != 1.0)).any())
-        self._senses = self._sensors.remembers or bool(self._broken.any())
+        return readings
+
+    def tables(self, damages: Sequence[Damage]) -> Tables:
+        """Return all stages of P damages that are not random, as tables of a row for each."""
+        others = Channels(
+            len(damages), self.action, self.observation, self._dt, self._last_step,
+            self._neutral.reshape(self.action.shape),
+        )  # fmt: skip
+        others._late = True
+        everyone = others._everyone
+        others._plan(everyone, damages)
+        began = np.zeros(len(damages), np.int64)
+        rows, found = everyone, []
+        while len(rows):
+            for table, new in zip(others._sensors.readings, others._break(rows), strict=True):
+                table[rows] = new
+            others._done[:] = np.nan  # later, what a seized actuator did last
+            found.append((rows, began, others._stage(rows)))
+            rows = np.flatnonzero(others._schedule.next_change != NO_CHANGE_STEP)
+            began = others._schedule.next_change[rows]
+        robots, steps = (np.concatenate(parts) for parts in list(zip(*found, strict=True))[:2])
+        order = np.argsort(robots, kind="stable")
+        columns = {
+            name: np.concatenate([stage[name] for *_, stage in found])[order]
+            for name in found[0][2]
+        }
+        robots, steps = robots[order], steps[order]
+        follows = np.append(robots[1:] == robots[:-1], False)
+        until = np.where(follows, np.roll(steps, -1), NO_CHANGE_STEP)
+        return Tables(np.searchsorted(robots, everyone), until, columns)
+
+    def _stage(self, rows: Rows) -> dict[str, NDArray[Any]]:
+        """Return what is broken of ``rows`` now, by its name in ``info``, and what else matters."""
+        now = self._sensors.readings
+        more = {"held": self._held, "stuck": now.stuck, "dropped": now.dropped}
+        found = self.truth() | more
+        sides = {name: self._sizes.get(name.partition("_")[0]) for name in found}
+        return {
+            name: column[rows] if sides[name] is None else column[rows].reshape(-1, sides[name])
+            for name, column in found.items()
+        }
+
+
+def actuate(
+    clip: Callable[[Any], Any], asked: Any, neutral: Any, scale: Any | None, gain: Any | None
+) -> Any:
+    """Return what broken actuators do that are not seized: arrays (B, A) of any library.
+
+    They do the action times ``scale``, and ``gain`` times its distance from ``neutral``; None is 1.
+    ``clip`` returns actions within their bounds.
+    """
+    done = clip(asked)
+    if scale is not None:
+        done = clip(scale * done)
+    return done if gain is None else clip(neutral + gain * (done - neutral))
 
 
 def _side(fault: Fault) -> str:

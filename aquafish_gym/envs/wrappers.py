@@ -15,12 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import ONLY_ROBOT
 from aquafish_gym.damage.words import LONGEST_SECONDS, SHORTEST_SECONDS
+from aquafish_gym.envs.array_channels import ArrayChannels
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
 from aquafish_gym.envs.episode import Setting, check_options
 from aquafish_gym.utils.array_types import Info, Rows
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+)
 
 Array = NDArray[Any]
 if TYPE_CHECKING:
@@ -126,6 +133,11 @@ class VectorFaultWrapper(_VectorWrapper):
     ``info`` have masks, and ``final_obs`` is what sensors observed. Random faults and noise are
     drawn from one generator for all, seeded by ``reset``; so they are not a single environment's.
 
+    Environments may step arrays (B, ...) of PyTorch, JAX or CuPy, on any device. Nothing is then
+    copied from the device or waited for, and ``info`` has arrays there, which must not be written
+    to. Actions that are not finite are not refused. Episodes of random damage are drawn by the
+    thousand when all environments are reset. ``final_obs``, if there is one, is an array (B, ...).
+
     Parameters
     ----------
     env, damage, dt, neutral
@@ -134,7 +146,8 @@ class VectorFaultWrapper(_VectorWrapper):
     Raises
     ------
     InvalidArgumentError
-        As :class:`FaultWrapper`, and if ``metadata`` has no ``autoreset_mode``.
+        As :class:`FaultWrapper`, and if ``metadata`` has no ``autoreset_mode``, or arrays are of
+        an unknown library.
 
     Examples
     --------
@@ -164,8 +177,10 @@ class VectorFaultWrapper(_VectorWrapper):
         self._everyone = np.arange(count)
         self._over = np.zeros(count, np.bool_)  # whose episode ended in the last step
         self._rng = np.random.default_rng()
+        self._arrays: ArrayChannels | None = None  # of another library than NumPy
+        self._ended: Any = None  # as ``_over``, of arrays
         space = self._channels.observation
-        self._seen: Array = np.zeros((count, *space.shape), space.dtype)
+        self._seen: Any = np.zeros((count, *space.shape), space.dtype)
 
     def reset(
         self,
@@ -180,7 +195,8 @@ class VectorFaultWrapper(_VectorWrapper):
         seeds = check_seeds(seed, self.num_envs)
         given = check_options(options)
         damages = self._check(given.pop("damage")) if "damage" in given else self._damages
-        mask = np.array(given.get("reset_mask", self._everyone >= 0))
+        mask = given.get("reset_mask")  # which the environment takes out
+        observations: Any
         observations, info = self.env.reset(seed=seed, options=given or None)  # type: ignore[arg-type]
         if "action_gain" in info:  # of environments that are wrapped inside of the vector
             raise InvalidArgumentError(WRAPPED_TWICE_MESSAGE)
@@ -188,7 +204,11 @@ class VectorFaultWrapper(_VectorWrapper):
             # Not the streams of the environments, which the seeds themselves begin.
             own = [one for one in (seeds[:1] if np.ndim(seed) == 0 else seeds) if one is not None]  # type: ignore[arg-type]
             self._rng = np.random.default_rng(np.random.SeedSequence(own or None).spawn(1)[0])
+        if not isinstance(observations, np.ndarray):
+            return self._reset_arrays(observations, info, damages, mask)
+        mask = self._everyone >= 0 if mask is None else np.array(mask)
         rows = np.flatnonzero(mask)
+        self._arrays = None
         self._seen = self._seen.copy()
         self._seen[rows] = self._begin(rows, damages, observations)
         self._over[rows] = False
@@ -197,6 +217,8 @@ class VectorFaultWrapper(_VectorWrapper):
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Info]:
         """Take a step with broken actuators, and observe it with broken sensors."""
         shape = (self.num_envs, *self._channels.action.shape)
+        if self._arrays is not None:
+            return self._step_arrays(self._arrays, actions, shape)
         done = self._channels.act(finite_array("actions", actions, shape))
         observations, rewards, terminations, truncations, info = self.env.step(
             actions if done is None else done
@@ -218,6 +240,66 @@ class VectorFaultWrapper(_VectorWrapper):
             seen[rows] = self._begin(rows, self._damages, observations)
         self._over, self._seen = ended, seen
         return seen.copy(), rewards, terminations, truncations, self._with_truth(info)
+
+    def _reset_arrays(
+        self, observations: Any, info: Info, damages: list[Damage], mask: Any
+    ) -> tuple[Any, Info]:
+        """Begin episodes of an environment that steps arrays of another library than NumPy."""
+        if mask is None or self._arrays is None:
+            self._arrays = ArrayChannels(
+                self._channels, self._damages, damages, observations, self._rng
+            )
+            began, self._ended = self._arrays.everyone, None
+            seen = self._arrays.observe(observations)
+        elif damages is not self._damages:
+            raise InvalidArgumentError(
+                'options["damage"] must be given without a "reset_mask" where environments step '
+                "arrays on a device; reset all of them"
+            )
+        else:
+            began = self._arrays.mask(mask)
+            self._arrays.begin(began)
+            seen = self._arrays.observe(observations, began)
+            seen = self._arrays.choose(began, seen, self._seen)
+            if self._ended is not None:
+                self._ended = self._ended & ~began
+        self._seen = self._arrays.copy(seen)
+        return seen, self._with_arrays(self._arrays, info, began)
+
+    def _step_arrays(
+        self, channels: ArrayChannels, actions: Any, shape: tuple[int, ...]
+    ) -> tuple[Any, Any, Any, Any, Info]:
+        """Take a step with arrays; nothing on their device is waited for."""
+        if tuple(getattr(actions, "shape", ())) != shape:
+            raise InvalidArgumentError(
+                f"actions must be an array of shape {shape}; got {brief(actions)}"
+            )
+        acted = channels.act(actions)
+        observations, rewards, terminations, truncations, info = self.env.step(acted)
+        ended = terminations | truncations
+        final = self._mode is AutoresetMode.SAME_STEP and "final_obs" in info
+        if final:
+            channels.advance()
+            last = channels.observe(channels.choose(ended, info["final_obs"], observations))
+            of_last = self._with_arrays(channels, info.get("final_info", {}), ended)
+            info = info | {"final_obs": last, "final_info": of_last}
+            channels.begin(ended)
+            seen = channels.choose(ended, channels.observe(observations, ended), last)
+        else:
+            begins = {AutoresetMode.SAME_STEP: ended, AutoresetMode.NEXT_STEP: self._ended}
+            channels.advance(begins.get(self._mode))
+            seen = channels.observe(observations)
+        if self._mode is AutoresetMode.DISABLED:
+            self._seen = channels.copy(seen)
+        self._ended = ended
+        info = self._with_arrays(channels, info, channels.everyone)
+        return seen, rewards, terminations, truncations, info
+
+    @staticmethod
+    def _with_arrays(channels: ArrayChannels, info: Info, mask: Any) -> Info:
+        truth = channels.truth()
+        truth["faults"] = truth["faults"] + info.get("faults", 0)
+        return info | truth | {f"_{name}": mask for name in truth}
 
     def _begin(self, rows: Rows, damages: list[Damage], observations: Array) -> Array:
         """Begin episodes of ``rows``; return their first of ``observations`` (B, ...) as sensed."""
