@@ -10,25 +10,24 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage.damage import Damage, Parts
+from aquafish_gym.damage import Damage
 from aquafish_gym.damage.delays import STEP_ROUNDING, delay_steps
+from aquafish_gym.envs.array_episodes import draw_episodes
 from aquafish_gym.envs.array_libraries import ArrayLibrary
 from aquafish_gym.envs.channels import Channels, actuate
-from aquafish_gym.utils.array_types import Floats, Rows
+from aquafish_gym.utils.array_types import Floats
 
-DRAWN_EPISODES = 4096  # of random damage, at a reset: each robot has one after the other of them
 SINGLE_PRECISION_STEP_ROUNDING = 1e-5  # as ``STEP_ROUNDING``
 Arrays = dict[str, Any]  # of one library, on one device
 SIDES = ("action", "observation")
 
 _LARGEST_STEP = 2**31 - 1
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
-_TURNING = ("action_scale", "action_gain")
 _MISREADING = tuple(
     f"observation_{one}" for one in ("scale", "bias", "noise", "lost", "delay_steps", "hold_steps")
 )
@@ -76,7 +75,7 @@ class ArrayChannels:
         self._type = getattr(self._xp, self._real)
 
         count = len(damages)
-        episodes = _draw_episodes(damages, first_damages, channels.parts, rng)
+        episodes = draw_episodes(damages, first_damages, channels.parts, rng)
         tables = channels.tables(episodes.damages)
         of_rows = np.searchsorted(tables.first, np.arange(len(tables.until)), "right") - 1
         columns = tables.columns | _in_steps(tables.columns, channels.dt)
@@ -87,10 +86,13 @@ class ArrayChannels:
         if "action_seized" in broken:
             broken.add("held")
         broken.discard("following")
+        if "dropped" not in broken:
+            broken.discard("observation_lost")  # is what is stuck
         if not episodes.repeat:
             broken.add("following")
         self._beginnings = self._put(tables.first[episodes.starts])
         self._breaks = {side: any(name.startswith(side) for name in broken) for side in SIDES}
+        self._breaks["observation"] |= "stuck" in broken
         #: By name, a row for each stage. What is never broken of any robot has none.
         self._tables: Arrays = {name: self._put(columns[name]) for name in sorted(broken)}
         delays = {side: np.unique(columns[f"{side}_delay_steps"]).tolist() for side in SIDES}
@@ -103,16 +105,18 @@ class ArrayChannels:
                 self._put(np.asarray(whole[name], column.dtype)), shapes[name]
             )
             for name, column in shown.items()
-            if name not in broken
+            if name not in broken and not (name == "observation_lost" and "stuck" in broken)
         }
         #: What is shown of each table, and its shape where it has another.
         self._shapes = {
             name: None if len(shape) == len(columns[name].shape) else shape
             for name, shape in shapes.items()
-            if name in broken
+            if name not in self._constant
         }
         #: A mask (B,) of all robots.
         self.everyone = self._xp.broadcast_to(self._put(np.asarray(True)), (count,))
+        self._remembers = any(name.endswith("_steps") for name in broken)
+        self._clock = 0  # steps that all robots have taken
         self._state = self._begun(self._beginnings)
         self._turn = self._library.compiled(self._turned)
         self._act = self._library.compiled(self._acted)
@@ -176,7 +180,8 @@ class ArrayChannels:
 
     def _change(self, steps: int, begins: Any) -> None:
         if any(self._breaks.values()):
-            self._state = self._turn(self._tables, self._state, steps, begins)
+            self._clock += steps
+            self._state = self._turn(self._tables, self._state, self._clock, begins)
 
     def _put(self, values: NDArray[Any]) -> Any:
         """Return NumPy's numbers as an array on the device, in the precision of this batch."""
@@ -187,7 +192,7 @@ class ArrayChannels:
 
     def _clipping(self, low: Floats, high: Floats) -> tuple[Any, Any] | None:
         """Return bounds as numbers where all channels have the same; None where they have none."""
-        if np.isinf(low).all() and np.isinf(high).all():
+        if (low <= -_LARGEST_SINGLE).all() and (high >= _LARGEST_SINGLE).all():
             return None
         if len(set(low)) == len(set(high)) == 1:
             return float(low[0]), float(high[0])
@@ -195,7 +200,10 @@ class ArrayChannels:
 
     def _look_up(self, tables: Arrays, rows: Any) -> Arrays:
         """Return what is broken in the stages ``rows`` (B,), by name."""
-        return {name: self._library.rows(table, rows) for name, table in tables.items()}
+        now = {name: self._library.rows(table, rows) for name, table in tables.items()}
+        if "observation_lost" not in now and "stuck" in now:
+            now["observation_lost"] = now["stuck"]
+        return now
 
     def _begun(self, rows: Any) -> Arrays:
         """Return the state of robots that begin an episode with the stages ``rows`` (B,)."""
@@ -203,10 +211,14 @@ class ArrayChannels:
         zeros = {side: self._put(np.zeros((count, n))) for side, n in self._sizes.items()}
         steps = {side: self._put(np.zeros((count, n), int)) for side, n in self._sizes.items()}
         now = self._look_up(self._tables, rows)
-        state: Arrays = {"step": self._put(np.zeros(count, int)), "row": rows, "now": now}
+        nothing = self._put(np.zeros(count, int))
+        state: Arrays = {"start": nothing, "row": rows, "now": now}
+        if self._remembers:
+            state["step"] = nothing  # of the episode
         if "action_seized" in now:
             state |= {"done": zeros["action"], "last": zeros["action"]}
         if "stuck" in now:
+            self._none = self._put(np.zeros((count, self._sizes["observation"]), np.bool_))
             state |= {"reading": zeros["observation"], "fresh": now["stuck"]}
         for side in SIDES:
             if f"{side}_hold_steps" in now:
@@ -219,20 +231,22 @@ class ArrayChannels:
 
     # The following are functions of arrays alone, which a library may compile.
 
-    def _turned(self, tables: Arrays, state: Arrays, steps: int, begins: Any) -> Arrays:
-        """Return the state after ``steps``, with the faults of each robot's stage.
+    def _turned(self, tables: Arrays, state: Arrays, clock: int, begins: Any) -> Arrays:
+        """Return the state at a step of all robots, with the faults of each robot's stage.
 
         The robots of the mask ``begins`` begin an episode.
         """
         xp = self._xp
-        before = state["now"]
-        step = state["step"] + steps
+        before, start = state["now"], state["start"]
+        step = clock - start
         row = state["row"] + (before["until"] == step)
         if begins is not None:
-            step = step * ~begins
+            start = xp.where(begins, clock, start)
             row = xp.where(begins, before.get("following", self._beginnings), row)
         now = self._look_up(tables, row)
-        state = state | {"step": step, "row": row, "now": now}
+        state = state | {"start": start, "row": row, "now": now}
+        if self._remembers:
+            state["step"] = clock - start
         if "action_seized" in now:  # from now on, it does what it did last
             fresh = now["action_seized"] & ~before["action_seized"]
             state["last"] = xp.where(fresh, state["done"], state["last"])
@@ -244,18 +258,22 @@ class ArrayChannels:
             if name in now:
                 fresh = now[name] != before[name]
                 fresh = fresh if begins is None else fresh | begins[:, None]
-                began = xp.where(fresh, step[:, None], state[f"{side}_began"])
+                began = xp.where(fresh, state["step"][:, None], state[f"{side}_began"])
                 state[f"{side}_began"] = began
         return state
 
     def _acted(self, state: Arrays, actions: Any) -> tuple[Arrays, Any]:
         """Return the state and what actuators make of actions, as :meth:`Channels.act` does."""
         xp, now = self._xp, state["now"]
-        asked = self._library.cast(actions, self._type).reshape(len(actions), -1)
+        asked = _flat(self._library.cast(actions, self._type))
         state, asked = self._carried("action", state, asked)
         acted = asked
-        turned = self._any(now[name] != 1.0 for name in _TURNING if name in now)
-        if turned is not None:
+        turning = [name for name in ("action_scale", "action_gain") if name in now]
+        if self._bounds["action"] is None and self._neutral == 0.0:
+            for name in turning:  # of whole ones they are 1
+                acted = now[name] * acted
+        elif turning:
+            turned = self._any(now[name] != 1.0 for name in turning)
             moved = actuate(
                 lambda actions: self._clip("action", actions), asked, self._neutral,
                 now.get("action_scale"), now.get("action_gain"),
@@ -265,13 +283,12 @@ class ArrayChannels:
             held = xp.where(xp.isnan(now["held"]), state["last"], now["held"])
             acted = xp.where(now["action_seized"], held, acted)
             state = state | {"done": self._clip("action", acted)}
-        return state, self._library.cast(acted, actions.dtype).reshape(actions.shape)
+        return state, _shaped(self._library.cast(acted, actions.dtype), actions)
 
     def _sensed(self, state: Arrays, observations: Any, white: Any) -> tuple[Arrays, Any]:
         """Return the state and what sensors make of observations, as ``Sensors.observe`` does."""
         xp, now = self._xp, state["now"]
-        truth = self._library.cast(observations, self._type)
-        truth = truth.reshape(len(observations), -1)
+        truth = _flat(self._library.cast(observations, self._type))
         sensed = truth
         if "observation_scale" in now:
             sensed = sensed * now["observation_scale"]
@@ -282,7 +299,7 @@ class ArrayChannels:
         state, sensed = self._carried("observation", state, sensed)
         if "stuck" in now:
             reading = xp.where(state["fresh"], sensed, state["reading"])
-            state = state | {"reading": reading, "fresh": xp.zeros_like(state["fresh"])}
+            state = state | {"reading": reading, "fresh": self._none}
             sensed = xp.where(now["stuck"], reading, sensed)
         if "dropped" in now:
             sensed = xp.where(now["dropped"], xp.zeros_like(sensed), sensed)
@@ -295,7 +312,7 @@ class ArrayChannels:
                 if name in now
             )
             seen = xp.where(broken, self._clip("observation", sensed), truth)
-        return state, self._library.cast(seen, observations.dtype).reshape(observations.shape)
+        return state, _shaped(self._library.cast(seen, observations.dtype), observations)
 
     @staticmethod
     def _any(masks: Iterable[Any]) -> Any:
@@ -308,6 +325,8 @@ class ArrayChannels:
 
     def _carried(self, side: str, state: Arrays, numbers: Any) -> tuple[Arrays, Any]:
         """Return the state and what late and slow channels deliver: ``DelayLines.carry``."""
+        if not self._remembers:
+            return state, numbers
         xp, now = self._xp, state["now"]
         count = state["step"][:, None]  # numbers of the episode that came before
         if f"{side}_hold_steps" in now:
@@ -340,41 +359,14 @@ class ArrayChannels:
         return self._xp.where(mask.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
 
 
-class _Episodes(NamedTuple):
-    """The damages of P episodes, which are not random, and their order for each of B robots."""
-
-    damages: list[Damage]
-    starts: Rows  #: (B,) the first episode of each robot
-    following: Rows  #: (P,) the episode after each
-    repeat: bool  #: whether each robot's episodes are all the same
+def _flat(array: Any) -> Any:
+    """Return an array (B, ...) as (B, channels)."""
+    return array if array.ndim == 2 else array.reshape(array.shape[0], -1)
 
 
-def _draw_episodes(
-    damages: Sequence[Damage],
-    first_damages: Sequence[Damage],
-    parts: Parts,
-    rng: np.random.Generator,
-) -> _Episodes:
-    """Draw the episodes of random damages; robots of the same damage begin far apart in them."""
-    robots: dict[Damage, list[int]] = {}
-    for robot, damage in enumerate(damages):
-        robots.setdefault(damage, []).append(robot)
-    several = sum(damage.is_random for damage in robots)
-    drawn: list[Damage] = []
-    following: list[int] = []
-    starts = np.zeros(len(damages), int)
-    for damage, alike in robots.items():
-        size = max(DRAWN_EPISODES // several, len(alike)) if damage.is_random else 1
-        begin = len(drawn)
-        starts[alike] = begin + np.arange(len(alike)) * size // len(alike)
-        drawn += [damage.sample(rng, parts) for _ in range(size)]
-        following += [*range(begin + 1, begin + size), begin]
-    if first_damages is not damages:
-        following += starts.tolist()
-        starts = len(drawn) + np.arange(len(damages))
-        drawn += [damage.sample(rng, parts) for damage in first_damages]
-    repeat = first_damages is damages and not several
-    return _Episodes(drawn, starts, np.array(following), repeat)
+def _shaped(flat: Any, like: Any) -> Any:
+    """Return an array (B, channels) in the shape of another one."""
+    return flat if like.ndim == 2 else flat.reshape(like.shape)
 
 
 def _in_steps(columns: Arrays, dt: float) -> Arrays:

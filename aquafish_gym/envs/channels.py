@@ -357,7 +357,10 @@ def actuate(
     done = clip(asked)
     if scale is not None:
         done = clip(scale * done)
-    return done if gain is None else clip(neutral + gain * (done - neutral))
+    if gain is None:
+        return done
+    centred = isinstance(neutral, float) and neutral == 0.0
+    return clip(gain * done if centred else neutral + gain * (done - neutral))
 
 
 def _side(fault: Fault) -> str:

@@ -298,7 +298,8 @@ class VectorFaultWrapper(_VectorWrapper):
     @staticmethod
     def _with_arrays(channels: ArrayChannels, info: Info, mask: Any) -> Info:
         truth = channels.truth()
-        truth["faults"] = truth["faults"] + info.get("faults", 0)
+        if "faults" in info:
+            truth["faults"] = truth["faults"] + info["faults"]
         return info | truth | {f"_{name}": mask for name in truth}
 
     def _begin(self, rows: Rows, damages: list[Damage], observations: Array) -> Array:

@@ -115,6 +115,7 @@ GROUPS: dict[str, str] = {
     "neat": "instruments.benchmarks.gait:populations",
     "tasks": "instruments.benchmarks.gait:tasks",
     "environments": "instruments.benchmarks.environments:single_and_vector",
+    "faults": "instruments.benchmarks.faults:tensors",
     "learning": "instruments.benchmarks.gait:learning",
     "training": "instruments.benchmarks.training:until_it_swims",
     "pictures": "instruments.benchmarks.watching:pictures",

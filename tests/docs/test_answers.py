@@ -1,55 +1,138 @@
-"""The commands of the answers print what their pages show."""
+"""Each answer's command prints what its page shows, and writes the picture beside it."""
 
 from __future__ import annotations
 
 import pathlib
 import re
 import runpy
-from itertools import filterfalse
+import shlex
+import sys
+from collections.abc import Callable
+from importlib import import_module
 
 import pytest
+from llvmlite import binding
+from PIL import Image
+
+from aquafish_gym.runs.command_line import run_command_line
 
 ROOT = pathlib.Path(__file__).parents[2]
-COMMAND = re.compile(r"^python examples/answers/(\w+)\.py", re.MULTILINE)
+COMMAND = re.compile(r"^```sh\n(python examples/answers/[^\n]+)\n```$", re.MULTILINE)
 SHOWN = re.compile(r"^```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PAGES = {
+    page.stem: page
+    for page in sorted((ROOT / "docs" / "answers").glob("*.md"))
+    if page.stem != "index"
+}
+SLOW = ("constants", "same_bytes")  # commands that take longer than some seconds
 NEEDS = {"unmeasured": "mujoco"}  # an extra
-#: What makes an answer shorter: it then prints only the first lines of what its page shows.
-SHORTER = {"constants": {"statistics": False}}
 #: How lines begin that are those of a program which may not be installed.
 OTHERS = "mujoco.sysid:"
 
 
-def is_of_others(line: str) -> bool:
-    return line.startswith(OTHERS)
+def lines_of(text: str) -> list[str]:
+    """Return the lines of what is printed or shown, without those of other programs."""
+    return [line for line in text.splitlines() if not line.startswith(OTHERS)]
 
 
-def printed_and_shown(
-    name: str, options: dict[str, bool], capsys: pytest.CaptureFixture[str]
-) -> tuple[list[str], list[str]]:
-    """Return the lines that an answer's command prints, and those that its page shows."""
+def shown_by(name: str) -> list[str]:
+    return lines_of("".join(SHOWN.findall(PAGES[name].read_text(encoding="utf-8"))))
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in PAGES]
+)
+def test_the_command_of_a_page_prints_what_it_shows(
+    name: str,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if name == "same_bytes" and not binding.get_host_cpu_features().get("avx2"):
+        pytest.skip("this machine cannot run the instructions of the page's")
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
-    page = (ROOT / "docs" / "answers" / f"{name}.md").read_text(encoding="utf-8")
-    (script,) = COMMAND.findall(page)
-    runpy.run_path(str(ROOT / "examples" / "answers" / f"{script}.py"))["main"](**options)
-    printed = capsys.readouterr().out.splitlines()
-    shown = "".join(SHOWN.findall(page)).splitlines()
-    return list(filterfalse(is_of_others, printed)), list(filterfalse(is_of_others, shown))
-
-
-@pytest.mark.parametrize("name", ["browser", "constants", "unmeasured"])
-def test_an_answer_prints_what_its_page_shows(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    printed, shown = printed_and_shown(name, SHORTER.get(name, {}), capsys)
+    (line,) = COMMAND.findall(PAGES[name].read_text(encoding="utf-8"))
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(line, comments=True)[1:]
+    monkeypatch.setattr(sys, "argv", words)
+    try:
+        runpy.run_path(words[0], run_name="__main__")
+    except SystemExit as ended:
+        assert not ended.code
+    printed = lines_of(capsys.readouterr().out)
     assert len(printed) > 2
-    assert printed == (shown[: len(printed)] if name in SHORTER else shown)
+    assert printed == shown_by(name)
+    for written in (tmp_path / "out").rglob("*.png"):
+        with Image.open(written) as new, Image.open(PAGES[name].with_suffix(".png")) as committed:
+            assert new.size == committed.size
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SHORTER)
-def test_an_answer_prints_what_its_page_shows_in_full(
-    name: str, capsys: pytest.CaptureFixture[str]
+def test_constants_are_followed_as_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the counts over many swims, which take long."""
+    script = ROOT / "examples" / "answers" / "constants.py"
+    runpy.run_path(str(script))["main"](statistics=False)
+    printed = lines_of(capsys.readouterr().out)
+    assert len(printed) > 8
+    assert printed == shown_by("constants")[: len(printed)]
+
+
+SCRIPT = ROOT / "examples" / "answers" / "same_bytes.py"
+FUNCTIONS = """
+import os
+def steady():
+    return {"a": [1, 2.5, "text", None], "b": b"bytes"}
+def moody():
+    return [1.0, 4.0 if os.environ.get("OMP_NUM_THREADS") == "2" else 5.0]
+def growing():
+    return [1.0] * int(os.environ.get("OMP_NUM_THREADS", 0))
+def odd():
+    return object()
+"""
+
+
+@pytest.fixture
+def check(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Return what calls the command with functions, with threads as the only settings."""
+    (tmp_path / "strangers.py").write_text(FUNCTIONS)
+    monkeypatch.chdir(tmp_path)
+    few = {"threads": [{"OMP_NUM_THREADS": "2"}]}
+    monkeypatch.syspath_prepend(SCRIPT.parent)
+    script = import_module("same_bytes")
+    monkeypatch.setattr(script, "emulations", lambda: few)
+
+    def call(*names: str) -> int:
+        functions = [f"strangers:{name}" for name in names]
+        return int(run_command_line("same_bytes", script.SameBytes, functions))
+
+    return call
+
+
+def test_a_function_of_the_same_bytes_ends_with_0(
+    check: Callable[..., int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    printed, shown = printed_and_shown(name, {}, capsys)
-    assert printed == shown
+    assert check("steady") == 0
+    assert capsys.readouterr().out.split() == ["threads", "strangers:steady", "same"]
+
+
+def test_settings_that_change_bytes_are_named(
+    check: Callable[..., int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check("steady", "moody", "growing") == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2:] == [
+        "strangers:moody differs by 2e-01 with OMP_NUM_THREADS='2'",
+        "strangers:growing differs by other numbers with OMP_NUM_THREADS='2'",
+    ]
+
+
+def test_a_function_that_cannot_be_compared_is_refused(
+    check: Callable[..., int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check("odd") == 2
+    assert "it returned object" in capsys.readouterr().err
+
+
+def test_an_imported_file_makes_our_kernel_new_and_not_numbas() -> None:
+    assert runpy.run_path(str(SCRIPT))["stale"]() == [(2.0, 2.0), (2.0, 3.0)]

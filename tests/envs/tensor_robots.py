@@ -16,12 +16,15 @@ class Arms(VectorEnv[Any, Any, Any]):
     ``like`` is an array of the library to step. Episodes last 5 steps or, every other one, 6.
     """
 
-    def __init__(self, like: Any, mode: AutoresetMode, count: int = 3, final: bool = True) -> None:
+    def __init__(
+        self, like: Any, mode: AutoresetMode, count: int = 3, bounded: bool = True
+    ) -> None:
         self.metadata = {"autoreset_mode": mode}
-        self.num_envs, self._like, self._final = count, like, final
+        self.num_envs, self._like = count, like
         dtype = np.dtype(str(like.dtype).rpartition(".")[2])
-        self.single_action_space = Box(-1.0, 1.0, (2,), dtype)
-        self.single_observation_space = Box(-2.0, 2.0, (4,), dtype)
+        action, observation = (1.0, 2.0) if bounded else (np.inf, np.inf)
+        self.single_action_space = Box(-action, action, (2,), dtype)
+        self.single_observation_space = Box(-observation, observation, (4,), dtype)
         self.action_space = batch_space(self.single_action_space, count)
         self.observation_space = batch_space(self.single_observation_space, count)
         self._dtype = dtype
@@ -71,11 +74,10 @@ class Arms(VectorEnv[Any, Any, Any]):
         ended = self._steps >= 5 + np.arange(self.num_envs) % 2
         info: dict[str, Any] = {}
         if mode is AutoresetMode.SAME_STEP and ended.any():
-            if self._final:
-                last = self._seen()
-                info["final_obs"] = self.array(last)
-                if isinstance(self._like, np.ndarray):
-                    info["final_obs"] = np.array([*last, None], object)[:-1]
+            last = self._seen()
+            info["final_obs"] = self.array(last)
+            if isinstance(self._like, np.ndarray):
+                info["final_obs"] = np.array([*last, None], object)[:-1]
             self._start(np.flatnonzero(ended))
         self._over = ended
         rewards = self.array(-np.abs(self._angles).sum(axis=1))

@@ -72,15 +72,18 @@ def array_of(library: str, dtype: Any) -> Any:
     [
         *(("torch-float64", mode) for mode in MODES),
         ("torch-float32", AutoresetMode.NEXT_STEP),
+        ("torch-float64-unbounded", AutoresetMode.SAME_STEP),
         ("jax-float32", AutoresetMode.SAME_STEP),  # its compilation takes a second
     ],
 )
 def test_arrays_have_the_faults_of_numpy(
     like: str, damages: list[str], mode: AutoresetMode
 ) -> None:
-    library, _, dtype = like.partition("-")
-    one = VectorFaultWrapper(Arms(np.zeros(1, dtype), mode), damages, dt=1)
-    two = VectorFaultWrapper(Arms(array_of(library, dtype), mode), damages, dt=1)
+    library, dtype, *unbounded = like.split("-")
+    bounded = not unbounded
+    one = VectorFaultWrapper(Arms(np.zeros(1, dtype), mode, bounded=bounded), damages, dt=1)
+    arrays = Arms(array_of(library, dtype), mode, bounded=bounded)
+    two = VectorFaultWrapper(arrays, damages, dt=1)
     check = same if dtype == "float64" else equal
     first, second = one.reset(seed=0), two.reset(seed=0)
     check(second[0], first[0])
