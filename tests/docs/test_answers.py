@@ -36,7 +36,8 @@ def lines_of(text: str) -> list[str]:
 
 
 def shown_by(name: str) -> list[str]:
-    return lines_of("".join(SHOWN.findall(PAGES[name].read_text(encoding="utf-8"))))
+    """Return the lines of the first output that a page shows, which is its command's."""
+    return lines_of(SHOWN.findall(PAGES[name].read_text(encoding="utf-8"))[0])
 
 
 @pytest.mark.parametrize(
@@ -52,15 +53,17 @@ def test_the_command_of_a_page_prints_what_it_shows(
         pytest.skip("this machine cannot run the instructions of the page's")
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
-    (line,) = COMMAND.findall(PAGES[name].read_text(encoding="utf-8"))
+    line = COMMAND.findall(PAGES[name].read_text(encoding="utf-8"))[0]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     words = shlex.split(line, comments=True)[1:]
     monkeypatch.setattr(sys, "argv", words)
+    code: object = None
     try:
         runpy.run_path(words[0], run_name="__main__")
     except SystemExit as ended:
-        assert not ended.code
+        code = ended.code
+    assert not code
     printed = lines_of(capsys.readouterr().out)
     assert len(printed) > 2
     assert printed == shown_by(name)
