@@ -12,6 +12,7 @@ import pytest
 import aquafish.cli
 import eea.__main__
 import gait.__main__
+import instruments.__main__
 from aquafish_gym.runs.command_line import run_command_line
 from experiments.gaits.ceiling import Ceiling
 from experiments.league.command import League
@@ -39,6 +40,7 @@ PROGRAMS = {
     ),
     "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
     "python -m gait": (gait.__main__.main, gait.__main__.COMMANDS),
+    "python -m instruments": (instruments.__main__.main, instruments.__main__.COMMANDS),
     **{
         program: (partial(run_command_line, program, command), {""})
         for program, command in EXPERIMENTS.items()

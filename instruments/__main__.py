@@ -1,0 +1,24 @@
+"""The command line: ``python -m instruments``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from aquafish_gym.runs.command_line import Commands, run_command_line
+
+COMMANDS: Commands = {
+    "history": (
+        "instruments.history.command:History",
+        "append the committed figures of each commit, and name the commits that moved one",
+    ),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return the exit code."""
+    return run_command_line("instruments", COMMANDS, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
