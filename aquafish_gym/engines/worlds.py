@@ -22,9 +22,11 @@ Otherwise a scenario's schedule is for the caller, and so are the faults of its 
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
@@ -207,6 +209,13 @@ WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
 }
+RECORDER = "aquafish_gym.engines.divergence:record_world"
+
+
+def recording_folder() -> Path | None:
+    """Return the folder for files of robots that diverge, which ``AQUAFISH_DIVERGED`` names."""
+    named = os.environ.get("AQUAFISH_DIVERGED")
+    return Path(named) if named else None
 
 
 def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1) -> World:
@@ -222,5 +231,7 @@ def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1)
     """
     kind: Any = resolve_name(WORLDS[engine]) if isinstance(engine, str) else engine
     world: World = kind(substeps)
+    if isinstance(engine, str) and (folder := recording_folder()):
+        world = resolve_name(RECORDER)(world, engine, substeps, folder)
     world.start(scenario)
     return world

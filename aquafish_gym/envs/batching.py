@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
 from aquafish_gym.engines.world_batch import WorldBatch
-from aquafish_gym.engines.worlds import Swimmers
+from aquafish_gym.engines.worlds import Swimmers, recording_folder
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
@@ -119,12 +119,13 @@ def make_swimmers(scenario: Scenario, engine: object, dtype: object, threads: ob
     precision = None if dtype is None else one_of("dtype", dtype, ("float32", "float64"))
     if found == "numba":
         from aquafish_gym.engines.compiled.lanes import LaneBatch
+        from aquafish_gym.engines.compiled.recorded_lanes import RecordedLanes
 
-        return LaneBatch(
-            scenario,
-            getattr(np, precision or NUMBA_PRECISION),
-            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
-        )
+        type_of_numbers = getattr(np, precision or NUMBA_PRECISION)
+        cores = None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS)
+        if folder := recording_folder():
+            return RecordedLanes(scenario, type_of_numbers, cores, folder)
+        return LaneBatch(scenario, type_of_numbers, threads=cores)
     if precision == "float32":
         raise InvalidArgumentError(
             'dtype must be "float64" or None on other engines than numba; got "float32"'

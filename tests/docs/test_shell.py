@@ -31,6 +31,8 @@ NOT_RUN = {
     "python -m rl_zoo3.train": "tests/envs/test_trainers.py",
     "python -m tests.trainers": "installs gigabytes; tests/envs/test_trainers_page.py",
     "aquafish export policy.zip": "needs a policy; tests/gait/test_export_policy.py",
+    "AQUAFISH_DIVERGED": "a program of yours; tests/engines/test_divergence.py",
+    "aquafish film out/diverged": "needs a swim that diverged; tests/engines/test_divergence.py",
     "cc -std=c99 -Dpolicy_TEST": "needs a policy; tests/gait/test_export_policy.py",
     "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
 }
