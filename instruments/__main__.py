@@ -12,6 +12,10 @@ COMMANDS: Commands = {
         "instruments.history.command:History",
         "append the committed figures of each commit, and name the commits that moved one",
     ),
+    "mutants": (
+        "instruments.mutants.command:Mutants",
+        "change the source in one place at a time, and count the changes that the tests notice",
+    ),
 }
 
 
