@@ -22,7 +22,7 @@ SURVIVED = "survived"
 OUT_OF_TIME = "out of time"
 # Wall-clock seconds for each second of processor time: others use the machine, too.
 PATIENCE = 20.0
-_FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+_FAILED = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
