@@ -27,7 +27,7 @@ from gait.controllers.network import OUTPUT_GAIN, Senses
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.float32]
 
-SEEDS = 1  # of the training in known water
+SEEDS = 3  # of the training in known water
 ANY_WATER = "any-water"
 TWINS = ("0", ANY_WATER, *map(str, range(1, SEEDS)))  # pairs of teacher and student
 STUDENT_SCHEMA = "aquafish.student/1"
