@@ -21,6 +21,7 @@ Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
 MAXIMUM_TRIAL_STEPS = 2**20  # samples; the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
+FALSE_ALARM_RATE = 1e-3  # of a test whether residuals are noise
 MAXIMUM_SIZE = 10**6  # limit of sizes in a search, to refuse typing errors at once
 
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtr, stdtr
 
+from eea.core.config import FALSE_ALARM_RATE
 from eea.joint.descent import descend
 from eea.joint.inference import carried_over
 from eea.joint.least_squares import FINE
 from eea.joint.parameters import Parameters
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
-from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 from eea.statistics.random_effects import NORMAL_95
 
 FLAT_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the range

@@ -23,7 +23,7 @@ from scipy.special import chdtrc, ndtri
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, brief, choice, instance, mapping, real, whole
-from eea.core.config import FitConfig
+from eea.core.config import FALSE_ALARM_RATE, FitConfig
 from eea.core.session import MAXIMUM_SEED
 from eea.joint.change_detection import check_alarm, fit_near_prior
 from eea.joint.descent import descend
@@ -36,7 +36,6 @@ from eea.joint.problem import Prior
 from eea.joint.recorded import infer, known_noise
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
-from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 from eea.statistics.noise import Noise
 
 ANGLE_STARTS = 64  # random initial states of a window, where there are hidden angles

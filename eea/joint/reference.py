@@ -15,7 +15,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, brief, instance, real
-from eea.core.config import FitConfig
+from eea.core.config import FALSE_ALARM_RATE, FitConfig
 from eea.joint.contradiction import contradictions
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
@@ -25,7 +25,6 @@ from eea.joint.problem import Prior
 from eea.joint.recorded import first_guess, infer, noise_left
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
-from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 from eea.statistics.noise import Noise
 from eea.statistics.random_effects import new_member
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from eea.core.config import FitConfig
+from eea.core.config import FALSE_ALARM_RATE, FitConfig
 from eea.joint.robot_model import RobotModel
-from eea.statistics.goodness_of_fit import FALSE_ALARM_RATE
 
 if TYPE_CHECKING:  # they load scipy, and a statement needs none
     from eea.joint.follower import Follower

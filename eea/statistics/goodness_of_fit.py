@@ -12,10 +12,10 @@ from scipy.special import chdtrc, log_ndtr, stdtr
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, finite
+from eea.core.config import FALSE_ALARM_RATE
 
 LAGS = 10  # samples
 LEAST_LOG_SPREAD = 0.05  # of known-good logs' misfits, which are never quite alike
-FALSE_ALARM_RATE = 1e-3  # rate of false alarms
 LEAST_RELATIVE_RMS = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
 
 

@@ -176,9 +176,12 @@ ROWS = [
         Fault,
         {
             "part": "left_pectoral", "word": "length", "number": 0.5, "onset": 0.0,
-            "duration": None,
+            "duration": None, "growth": None,
         },
-        options(number="none, fraction", onset="fraction", duration="none, fraction"),
+        options(
+            number="none, fraction", onset="fraction", duration="none, fraction",
+            growth="none, fraction",
+        ),
         {"word": "damage", "number": "length"},
     ),
     Call(Damage, {"faults": ()}, options(faults="empty list")),
