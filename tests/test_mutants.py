@@ -175,6 +175,7 @@ def test_a_project_whose_tests_fail_is_refused(
     assert "the tests fail without a mutant" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @jobs_in_process()
 def test_endless_mutants_are_ended(clone: Path) -> None:
     (clone / "library" / "clipping.py").write_text(

@@ -24,7 +24,7 @@ NOISE = {"position": 0.02, "velocity": 0.1}  # m, m/s
 CONSTANTS = {"Ks": 0.6, "Kv": 3.0, "Ka": 0.2}  # V, V/(m/s), V/(m/s^2)
 
 
-@numba.njit(cache=True)
+@numba.njit
 def drive(ks, kv, ka, position, velocity, volts):  # type: ignore[no-untyped-def]
     """Return position and velocity (B, T, 2): volts = ks sign(v) + kv v + ka dv/dt."""
     log = np.empty((*volts.shape, 2))

@@ -171,7 +171,9 @@ def test_damage_of_the_option_is_for_the_first_episodes_only() -> None:
     assert info["faults"].tolist() == [1, 0, 1]
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    "mode", [MODES[0], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:])]
+)
 def test_nothing_is_copied_from_the_device(
     mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
