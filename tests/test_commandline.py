@@ -368,6 +368,11 @@ class LostFin(Fin):
     __del__ = terminate
 
 
+def lose_a_fin_and_sleep(_: object) -> None:
+    LostFin()
+    time.sleep(60)
+
+
 def lose_a_watched_fin() -> None:
     fin = Fin()
     watch = weakref.ref(fin, terminate)
@@ -410,11 +415,34 @@ def test_no_termination_is_lost_where_ctrl_c_is_ignored(
 ) -> None:
     """As in a background job of a shell script."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    monkeypatch.setattr(Swim, "execute", lambda _: (LostFin(), time.sleep(60)))
+    monkeypatch.setattr(Swim, "execute", lose_a_fin_and_sleep)
+    begun = time.monotonic()
     try:
         assert run() == 130
     finally:
         signal.signal(signal.SIGINT, before)
+    assert time.monotonic() - begun < 30
+    assert capsys.readouterr() == ("", "fish: interrupted\n")
+
+
+def test_a_signal_just_before_a_sleep_ends_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Such a signal is known to Python, but does not wake the main thread."""
+    send, sent = signal.pthread_kill, []
+
+    def miss_once(thread: int, number: int) -> None:
+        sent.append(number)
+        send(threading.get_ident() if len(sent) == 1 else thread, number)
+
+    monkeypatch.setattr(signal, "pthread_kill", miss_once)
+    monkeypatch.setattr(Swim, "execute", lose_a_fin_and_sleep)
+    before = signal.getsignal(signal.SIGINT)
+    begun = time.monotonic()
+    assert run() == 130
+    assert time.monotonic() - begun < 30
+    assert len(sent) == 2
+    assert signal.getsignal(signal.SIGINT) is before
     assert capsys.readouterr() == ("", "fish: interrupted\n")
 
 

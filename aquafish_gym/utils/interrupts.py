@@ -6,6 +6,7 @@ import contextlib
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,18 +19,17 @@ def kept_interrupts() -> Iterator[None]:
 
     Python prints what is raised in a destructor, in the callback of a weak reference, as those of
     imports, or in a callback of a C library, as LLVM's, and goes on. Here the signal is sent again
-    a moment later, or at the end of the block.
+    a moment later, until Python has handled it, or KeyboardInterrupt is raised at the block's end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = sys.unraisablehook
-    again: list[threading.Timer] = []
+    dropped: list[_Again] = []
 
     def ask_again(found: Any) -> None:
         if isinstance(found.exc_value, KeyboardInterrupt):
-            again.append(threading.Timer(SECONDS_UNTIL_ASKED_AGAIN, _interrupt))
-            again[-1].start()
+            dropped.append(_Again())
         else:
             before(found)
 
@@ -42,19 +42,47 @@ def kept_interrupts() -> Iterator[None]:
         raise
     finally:
         sys.unraisablehook = before
-        waiting = [timer for timer in again if timer.is_alive()]
-        for timer in waiting:
-            timer.cancel()
-            timer.join()
+        waiting = [again for again in dropped if not again.handled]
+        for again in waiting:
+            again.stop()
         if waiting and not raised:
             raise KeyboardInterrupt
 
 
-def _interrupt() -> None:
-    """Send the main thread a signal that Python handles, which also ends its sleep."""
-    main = threading.main_thread().ident
-    for number in (signal.SIGINT, signal.SIGTERM):
+class _Again:
+    """Sends the main thread a signal until Python handles it; made in the main thread.
+
+    Once is not enough: a signal that comes just before a sleep does not end it.
+    """
+
+    def __init__(self) -> None:
+        self.handled = False
+        self._stopped = False
         # Python has a function for it; a background job of a shell script ignores Ctrl-C.
-        if main is not None and callable(signal.getsignal(number)):
-            signal.pthread_kill(main, number)
+        handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+        self._number = next((n for n, handler in handlers.items() if callable(handler)), None)
+        if self._number is None:
             return
+        self._handler: Any = handlers[self._number]
+        signal.signal(self._number, self._handle)
+        self._thread = threading.Thread(target=self._send, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Send it no more."""
+        if self._number is not None:
+            self._stopped = True
+            self._thread.join()
+            signal.signal(self._number, self._handler)
+
+    def _handle(self, number: int, frame: Any) -> None:
+        self.handled = True
+        signal.signal(number, self._handler)
+        self._handler(number, frame)
+
+    def _send(self) -> None:
+        main = threading.main_thread().ident
+        time.sleep(SECONDS_UNTIL_ASKED_AGAIN)
+        while self._number is not None and main is not None and not (self.handled or self._stopped):
+            signal.pthread_kill(main, self._number)
+            time.sleep(SECONDS_UNTIL_ASKED_AGAIN)
