@@ -279,6 +279,7 @@ def test_table_tells_how_often_each_fault_is_named(
     monkeypatch.setattr(auv, "DRAWS", 1)
     monkeypatch.setattr(auv, "VERDICTS", 1)
     monkeypatch.setattr(auv, "HELD_OUT_SESSIONS", 1)
+    monkeypatch.setattr(auv, "splits", lambda *of: splits(*of)[:2])  # of five, for time
     table = auv_table(download)
     assert table["weight"] == table["depth_sensor"] == table["thruster_bad"] == 1.0
     assert table["false_alarms"] < 0.2
