@@ -301,7 +301,7 @@ def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monk
     lost = threading.Timer(2.0, dask_cluster.scale, (0,))
     lost.start()
     with pytest.raises(OSError, match="none has answered for 5 s; the same command resumes"):
-        run_jobs([Task(0, "sleep")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
+        run_jobs([Task(0, "sleep ten")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
     lost.join()
 
 
