@@ -107,6 +107,19 @@ def test_several_bodies_are_told_with_their_weights_where_they_differ():
     ]
 
 
+@pytest.mark.parametrize(("low", "high", "bodies"), [(0.0, 1.0, 1), (0.4, 0.6, 2)])
+def test_bodies_that_differ_by_less_than_a_hundredth_of_the_range_are_one(low, high, bodies):
+    other = MIDDLE.copy()
+    other[3] += 0.005  # 50 sd
+    modes = (
+        mode(MIDDLE, np.diag(1e8 * np.ones(7)), 0.0),
+        mode(other, np.diag(1e8 * np.ones(7)), 0.0),
+    )
+    found = Posterior(NAMES, np.full(7, low), np.full(7, high), CIRCULAR, modes)
+    assert len(found.modes) == 2
+    assert [said[:22] for said in said_of(found)] == ["2 bodies explain it: 5"] * (bodies - 1)
+
+
 def test_modes_of_other_angles_and_nuisances_are_one_body():
     other = MIDDLE.copy()
     other[5], other[6] = 0.1, 2.5
