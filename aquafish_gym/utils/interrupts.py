@@ -21,14 +21,14 @@ def kept_interrupts() -> Iterator[None]:
     imports, or in a callback of a C library, as LLVM's, and goes on. Here the signal is sent again
     a moment later, until Python has handled it, or KeyboardInterrupt is raised at the block's end.
     """
-    if threading.current_thread() is not threading.main_thread():
+    if not _in_main_thread():
         yield
         return
     before = sys.unraisablehook
     dropped: list[_Again] = []
 
     def ask_again(found: Any) -> None:
-        if isinstance(found.exc_value, KeyboardInterrupt):
+        if isinstance(found.exc_value, KeyboardInterrupt) and _in_main_thread():
             dropped.append(_Again())
         else:
             before(found)
@@ -43,10 +43,14 @@ def kept_interrupts() -> Iterator[None]:
     finally:
         sys.unraisablehook = before
         waiting = [again for again in dropped if not again.handled]
-        for again in waiting:
+        for again in reversed(waiting):  # each puts back the handler that it found
             again.stop()
         if waiting and not raised:
             raise KeyboardInterrupt
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 class _Again:
