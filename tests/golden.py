@@ -80,6 +80,15 @@ def environment(name: str, options: dict[str, Any], batched: bool = False) -> An
     return rows
 
 
+def drawn_damage() -> Any:
+    """Return what each tier of random damage draws, on which every published result rests."""
+    from aquafish_gym.damage import TIERS, Damage
+
+    rng = np.random.default_rng(6)
+    tiers = {tier: Damage.parse(f"random:{tier}@2-8") for tier in TIERS}
+    return {tier: [str(each.sample(rng)) for _ in range(200)] for tier, each in tiers.items()}
+
+
 def trials(**options: Any) -> Any:
     """Return the log of three robots simulated with some options."""
     rng = np.random.default_rng(2)
@@ -338,6 +347,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
         f"simulate {engine} {dtype}": partial(trials, engine=engine, dtype=dtype)
         for engine, dtype in (("numba", "float32"), ("numba", "float64"), ("pybullet", "float64"))
     },
+    "drawn damage": drawn_damage,
     "simulate nuisances": partial(
         trials, dtype="float64", drag=(0.8, 1.2), servo_gain=(1.0, 0.5, -1.0), lag=0.033,
         current=(0.1, 0.2, 0.0), substeps=2,
