@@ -52,6 +52,7 @@ GROUPS = {
             "tests/engines/test_spectrum.py",
             "tests/test_imu.py",
             "tests/test_bullet.py",
+            "tests/test_rollout.py",
             "tests/robustness/test_extremes.py",
             "tests/physics/test_reactive_swims.py",
             "tests/physics/test_mujoco.py",

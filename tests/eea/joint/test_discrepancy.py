@@ -149,6 +149,15 @@ def test_hypotheses_that_fit_alike_are_one_statement():
     ]
 
 
+def test_three_causes_that_fit_alike_share_a_sentence_that_begins_with_the_likeliest():
+    fouled = Hypothesis("weed hangs on the fin", part="fin")
+    fits = [Fit(SEIZED, 0.5, 0.0), Fit(MISSING, 0.3, 0.1), Fit(fouled, 0.2, 0.2)]
+    assert faults(fits, FIN) == [
+        "the servo is seized (50%); the data fit nearly alike if the fin is missing (30%) or "
+        "weed hangs on the fin (20%); a faster fin would tell"
+    ]
+
+
 def test_a_hypothesis_that_alone_fits_is_named():
     fits = [Fit(SEIZED, 0.98, 0.0), Fit(MISSING, 0.02, 9.0), Fit(RIGHT.nominal, 0.0, 40.0)]
     assert faults(fits, FIN) == ["the servo is seized (98%)", "the fin is missing (2%)"]
