@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,9 @@ from eea import (
     save_posterior,
 )
 from eea.core.checks import ConfigurationError, TargetError
+from eea.joint.parameters import Parameters
+from eea.joint.problem import Prior
+from eea.statistics.least_change import least_change
 from eea.statistics.noise import Noise
 
 HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
@@ -334,6 +338,32 @@ def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
     assert shares[0] < 0.3
     assert 0.25 <= shares[1] <= 0.75
     assert shares[2] > 0.7
+
+
+def test_a_changes_own_prior_is_no_evidence_that_it_would_show():
+    """With noise as large as the usual change: data of sd 1 / sqrt(20), the prior's is 0.3."""
+    cause = Hypothesis("x", moves={"gain": Normal(0.0, 0.3)}, odds=0.1)
+    push = np.ones(20)
+    robot = Robot(
+        {"gain": (0.0, 2.0)},
+        lambda values, push: (values["gain"][:, None] * push)[:, :, None],
+        {"rate": "rad/s"},
+        whole={"gain": 1.0},
+        hypotheses=[cause],
+    )
+    sentence = infer(robot, [Trial(push[:, None], push)], noise={"rate": 1.0}).findings[-1]
+    expected = least_change(20**-0.5, 0.0, 0.3, np.array([-1.0, 1.0]), 0.1 / robot.nominal.odds)
+    assert float(re.search(r"less than (\S+) ", sentence)[1]) == pytest.approx(expected, rel=0.05)
+
+
+def test_what_was_known_of_a_number_of_each_trial_is_known_in_all():
+    """A later trial's own number has a prior, too; a common number has one."""
+    prior = Prior(("gain", "bias"), np.array([0.4, 0.6]), np.diag([0.01, 0.04]))
+    robot = replace(SOUGHT, each_trial=("bias",), prior=prior)
+    parameters = Parameters.of(robot, 2, robot.groups)
+    entries = [parameters.names.index(name) for name in ("gain", "bias@1", "bias@2")]
+    assert parameters.prior_mean[entries] == pytest.approx([0.4, 0.6, 0.6])
+    assert parameters.prior_precision[entries] == pytest.approx([100.0, 25.0, 25.0])
 
 
 def test_a_change_of_what_has_no_effect_would_never_show():
