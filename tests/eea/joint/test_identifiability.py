@@ -7,6 +7,7 @@ import pytest
 
 from eea import FitConfig, Normal, Nuisance, Robot, Trial
 from eea.core.checks import ConfigurationError, TargetError
+from eea.joint.assumptions import UNTOLD_SHARE
 
 TIME = np.arange(60)
 EFFORT = FitConfig(bodies=8, poses=2, descents=4, polished=1, restarts=0)
@@ -83,6 +84,19 @@ def test_a_robot_that_is_measured_has_no_findings():
     )
     signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
     assert scale.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT).findings == []
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.95, 1), (1.05, 0)])
+def test_a_number_is_told_if_its_spread_shrinks_to_the_stated_share(share, told):
+    """Nine samples of noise n have an sd of n / 3, and a range of 2 one of 2 / sqrt(12)."""
+    scale = Robot(
+        {"a": (0.0, 2.0)}, lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)), {"s": "kg"}
+    )
+    information = (share * UNTOLD_SHARE) ** -2 - 1.0  # of the samples, over the range's
+    noise = 3.0 * 2.0 / (12.0 * information) ** 0.5
+    belief = scale.infer([Trial(np.ones((9, 1)))], noise={"s": noise}, config=EFFORT)
+    known = belief.identified()
+    assert (len(known.told), len(known.untold)) == (told, 1 - told)
 
 
 def test_the_trial_that_tells_more_comes_first(found):
