@@ -303,13 +303,14 @@ def test_faults_are_listed_with_a_growth_only_if_they_grow() -> None:
 
 
 def test_each_robot_may_have_damage_of_its_own() -> None:
-    texts = ["caudal:missing@1", "none", "gyro:noise=0.1@1+1;caudal:weak=0.5"]
+    texts = ["caudal:missing@0.05", "none", "gyro:noise=0.1@1+1;caudal:weak=0.5"]
     robots = Scenario.create(np.tile(NOMINAL.to_array(), (3, 1)))
     together = edit_each(robots, [Damage.parse(text) for text in texts])
     for i, text in enumerate(texts):
         alone, one = broken(text), together.take(i)
         pairs = [(alone, one), *zip(alone.schedule, one.schedule, strict=True)]
         for mine, other in pairs:
+            assert getattr(mine, "step", 0) == getattr(other, "step", 0)
             mine, other = (getattr(each, "to", each) for each in (mine, other))
             for name, table in mine.arrays().items():
                 np.testing.assert_array_equal(table, other.arrays()[name], name)

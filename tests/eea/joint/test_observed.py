@@ -101,3 +101,9 @@ def test_slow_errors_of_uneven_times_have_a_basis_of_their_own():
     basis = even.slow_basis(0, 0.27)
     assert basis.vectors is None
     np.testing.assert_allclose(basis.variances, spectrum(120, 0.27 / 0.02))
+
+
+def test_slow_errors_have_the_weights_of_the_first_axis():
+    weight = np.tile([2.0, 3.0], (1, 64, 1))
+    basis = Observed(np.zeros((1, 1)), np.zeros((1, 64, 2)), weight).slow_basis(0, 4.0)
+    np.testing.assert_allclose(basis.variances, 4.0 * spectrum(64, 4.0))
