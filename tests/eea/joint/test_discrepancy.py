@@ -132,6 +132,18 @@ def test_spectrum_is_that_of_an_autoregression():
     assert found[2:] == pytest.approx(spectrum(64, 4.0)[2:], rel=0.2)
 
 
+def test_what_the_first_trials_rule_out_is_never_fitted_again():
+    hopeless = Hypothesis("the wheel has no rim", {"size": 0.1})
+    robot = replace(RIGHT, hypotheses=[hopeless])
+    always = replace(QUICK, alternatives="always", noise=0.01)
+    rng, belief, fitted = np.random.default_rng(0), None, []
+    signal = (0.5 * WAVE + 0.01 * rng.normal(size=(3, 128)))[:, :, None]
+    for trials in (1, 2, 3):
+        observed = Observed(np.full((trials, 1), 0.5), signal[:trials])
+        belief = fit(observed, robot, always, rng, belief, progress=fitted.append)
+    assert fitted == [robot.nominal.name, hopeless.name, *[robot.nominal.name] * 2]
+
+
 FIN = replace(
     RIGHT,
     nuisances=(Nuisance("servo", 0.0, 1.0, 1.0, switch=True),),

@@ -140,6 +140,17 @@ def test_missing_samples_have_no_innovation():
     assert np.isfinite(np.delete(innovation, range(3, 9))).all()
 
 
+def test_an_innovation_is_what_was_observed_minus_what_was_predicted():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    for _ in range(9):
+        follower.update(window(rng))
+    struck = window(rng)
+    struck.signal[20] += 0.5  # 5 sd
+    innovation = follower.update(struck).innovation
+    assert innovation[20, 0] == pytest.approx(5.0, abs=2.5)
+
+
 def test_a_hidden_angle_is_found_in_each_window():
     def spin(values, times):
         return np.sin(values["speed"][:, None] * times + values["phase"][:, None])[:, :, None]
