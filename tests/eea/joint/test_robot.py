@@ -340,6 +340,15 @@ def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
     assert shares[2] > 0.7
 
 
+def test_of_what_is_most_improbable_there_is_an_answer_all_the_same():
+    """What if it is broken after all?"""
+    robot = replace(CART, hypotheses=[replace(HEAVIER, odds=1e-9)])
+    found = infer(robot, [measured(np.random.default_rng(7))])
+    assert 0.0 < found.probability(HEAVIER.name) < 1e-8
+    _, low, high = found.broken("gain", MASS)
+    assert 1.0 < low < high < 1.1
+
+
 def test_a_changes_own_prior_is_no_evidence_that_it_would_show():
     """With noise as large as the usual change: data of sd 1 / sqrt(20), the prior's is 0.3."""
     cause = Hypothesis("x", moves={"gain": Normal(0.0, 0.3)}, odds=0.1)
