@@ -117,6 +117,14 @@ def test_delay_lines_are_what_they_say(
         assert found[0] == kept[max(0, len(kept) - 1 - delay)]
 
 
+def test_a_line_that_grows_keeps_the_order_of_its_numbers() -> None:
+    lines, rows, found = DelayLines(1, 1), np.array([0]), []
+    for number, delay in enumerate((2, 2, 2, 3, 3)):
+        lines.update(rows, [[delay]], [[0.0]])
+        found += lines.carry(np.array([[float(number)]]), rows)[0].tolist()
+    assert found == [0.0, 0.0, 0.0, 0.0, 1.0]
+
+
 def test_seconds_are_seconds_of_the_environment() -> None:
     for name, dt in (("Pendulum-v1", 0.05), ("AquaFish-v0", 0.2)):
         kwargs = {"engine": "numba"} if name.startswith("Aqua") else {}
