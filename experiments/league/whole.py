@@ -39,7 +39,8 @@ from experiments.tables import markdown
 EPISODES = 40  # of a tier at home and in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
 _ALL: Any = ("severe", "moderate", "mild", "none")
-WATER_TABLES = ("home", *(water for water in WATERS if water != "still"))
+OTHER_WATERS = tuple(water for water in WATERS if water != "still")
+WATER_TABLES = ("home", "none", *OTHER_WATERS)
 #: What each table differs in from the default league.
 TABLES: dict[str, dict[str, Any]] = {
     "home": {"episodes": EPISODES},
@@ -48,7 +49,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "return": {"episodes": EPISODES, "task": "return", "tiers": _ALL},
     **{
         water: {"episodes": ELSEWHERE, "water": water, "tiers": _ALL}
-        for water in WATER_TABLES[1:]
+        for water in OTHER_WATERS
     },
     "imu": {"episodes": ELSEWHERE, "sensing": "imu"},
     "gyroscope": {"episodes": ELSEWHERE, "sensing": "gyroscope"},
@@ -126,11 +127,13 @@ class WholeLeague:
 
     def _compare_waters(self, leagues: Sequence[League]) -> None:
         """Write waters-TIER.md: the entrants' gains over blind in each water that was played."""
-        waters = {
-            league.water: read_document(league.out / "league.json", SCHEMA, "league")
-            for league in leagues
-            if league.out.name in WATER_TABLES
-        }
+        waters: dict[str, dict[str, Any]] = {}
+        for league in leagues:
+            if league.out.name in WATER_TABLES:
+                found = read_document(league.out / "league.json", SCHEMA, "league")
+                tiers_of = waters.setdefault(league.water, {})
+                for entrant in self.entrants:
+                    tiers_of[entrant] = tiers_of.get(entrant, {}) | found.get(entrant, {})
         if not waters or BLIND not in self.entrants:
             return
         for tier in _ALL:
