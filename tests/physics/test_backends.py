@@ -88,3 +88,13 @@ def test_primitives_are_the_same_in_lanes() -> None:
     whole = in_lanes(register_jitable(lambda a, b: floor(a) + 0.0 * b), np.float64, a, b)
     assert_allclose(whole, np.floor(a), rtol=0)
     assert [floor(v) for v in a] == list(np.floor(a))
+
+
+@pytest.mark.parametrize(
+    ("features", "width"), [("+avx512f,+avx,-sse", 64), ("+avx,-avx512f", 32), ("+sse4.2", 16)]
+)
+def test_lanes_fill_the_widest_register(
+    monkeypatch: pytest.MonkeyPatch, features: str, width: int
+) -> None:
+    monkeypatch.setattr(simd.config, "CPU_FEATURES", features)
+    assert simd.register_bytes.__wrapped__() == width
