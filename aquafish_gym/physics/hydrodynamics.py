@@ -141,8 +141,7 @@ def body_drag(velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
 
     In body axes, as the centre's ``velocity`` relative to the water and ``spin`` (rad/s) are.
     """
-    # The stations lie mirrored about the middle one.
-    (_, w0), (y1, w1), (y2, w2) = CAPSULE_STATIONS[2:]
+    (_, w0), (y1, w1), (y2, w2) = CAPSULE_STATIONS
     k0 = -(_CROSS * w0) * square_root(fma(velocity[0], velocity[0], velocity[2] * velocity[2]))
     fore1_x, fore1_z = _station(y1, w1, velocity, spin)
     fore2_x, fore2_z = _station(y2, w2, velocity, spin)

@@ -97,12 +97,10 @@ class Robot(NamedTuple):
 
 
 # The capsule's Gauss stations for its own diameter as weight: (y, integral of the diameter over
-# its stretch) each. Strip theory needs integrals of D(y) g(y) dy over its length. The nodes are
-# the eigenvalues of the Jacobi matrix of the polynomials orthogonal under D (Golub and Welsch,
-# 1969); tests/physics/test_quadrature.py derives them again.
+# its stretch) each, of the middle and the fore half; those of the aft half mirror them. Strip
+# theory needs integrals of D(y) g(y) dy over its length. The nodes are the eigenvalues of the
+# Jacobi matrix of the polynomials orthogonal under D (Golub and Welsch, 1969).
 CAPSULE_STATIONS = (
-    (-1.7563685970482226, 0.4096783043373521),
-    (-1.0471065217376876, 0.9296776987009064),
     (0.0, 1.1066861595874569),
     (1.0471065217376876, 0.9296776987009064),
     (1.7563685970482226, 0.4096783043373521),

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
+from aquafish_gym.physics.robot import CAPSULE_STATIONS, CYLINDER, RADIUS
 from instruments.verification.harness import drag
 from instruments.verification.momentum import Momentum
 from instruments.verification.quadrature import (
@@ -90,6 +91,21 @@ def test_a_box_in_straight_flow_is_its_plates() -> None:
     motion[:3] = np.random.default_rng(4).normal(size=(3, 200))
     found, plates = fin_as_box(size, motion, 4), fin_reference(size, motion, 4)
     np.testing.assert_allclose(found[:3], plates[:3], rtol=1e-12)
+
+
+def test_the_stations_are_those_of_gauss() -> None:
+    """Five are exact for polynomials up to degree 9, and there is one such rule."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    half = CYLINDER / 4 * (node + 1)  # places on the fore half of the cylinder, and of the cap
+    angle = np.pi / 4 * (node + 1)
+    place = np.append(half, CYLINDER / 2 + RADIUS * np.sin(angle))
+    diameter = 2 * RADIUS * np.append(np.ones(40), np.cos(angle))
+    length = np.append(CYLINDER / 4 * weight, np.pi / 4 * weight * RADIUS * np.cos(angle))
+    (middle, at_middle), *fore = CAPSULE_STATIONS
+    assert middle == 0.0
+    for degree in (0, 2, 4, 6, 8):  # the odd ones vanish
+        found = at_middle * middle**degree + sum(2 * width * y**degree for y, width in fore)
+        assert found == pytest.approx(2 * (length * diameter) @ place**degree, rel=1e-7)
 
 
 def test_the_strips_are_the_capsule() -> None:
