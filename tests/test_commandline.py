@@ -446,6 +446,25 @@ def test_a_signal_just_before_a_sleep_ends_it(
     assert capsys.readouterr() == ("", "fish: interrupted\n")
 
 
+def test_a_handler_that_is_set_meanwhile_is_kept_and_is_sent_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    came: list[int] = []
+
+    def execute(_: object) -> None:
+        LostFin()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _frame: came.append(number))
+        time.sleep(0.2)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(Swim, "execute", execute)
+    assert run() == 130
+    assert came == []
+    assert {number: signal.getsignal(number) for number in before} == before
+    assert capsys.readouterr() == ("", "fish: interrupted\n")
+
+
 def test_other_errors_of_a_callback_are_printed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,7 +61,6 @@ class _Again:
 
     def __init__(self) -> None:
         self.handled = False
-        self._stopped = False
         # Python has a function for it; a background job of a shell script ignores Ctrl-C.
         handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
         self._number = next((n for n, handler in handlers.items() if callable(handler)), None)
@@ -69,24 +68,26 @@ class _Again:
             return
         self._handler: Any = handlers[self._number]
         signal.signal(self._number, self._handle)
-        self._thread = threading.Thread(target=self._send, daemon=True)
+        self._thread = threading.Thread(target=self._send, args=(self._number,), daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """Send it no more."""
-        if self._number is not None:
-            self._stopped = True
-            self._thread.join()
+        if self._number is None:
+            return
+        if signal.getsignal(self._number) == self._handle:
             signal.signal(self._number, self._handler)
+        self._thread.join()
 
     def _handle(self, number: int, frame: Any) -> None:
         self.handled = True
         signal.signal(number, self._handler)
         self._handler(number, frame)
 
-    def _send(self) -> None:
+    def _send(self, number: signal.Signals) -> None:
         main = threading.main_thread().ident
         time.sleep(SECONDS_UNTIL_ASKED_AGAIN)
-        while self._number is not None and main is not None and not (self.handled or self._stopped):
-            signal.pthread_kill(main, self._number)
+        # Another's handler, which the block may have set, is not sent anything.
+        while main is not None and signal.getsignal(number) == self._handle:
+            signal.pthread_kill(main, number)
             time.sleep(SECONDS_UNTIL_ASKED_AGAIN)
