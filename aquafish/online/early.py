@@ -115,5 +115,6 @@ class EarlyWatch:
 
     def _open(self, filters: list[int], step: int, first: int, due: tuple[int, ...]) -> Case:
         """Return a case of a robot that was whole, in the water of any of some filters."""
-        waters = [self._calibration.models[i].robot for i in filters]
+        robots = [self._calibration.models[i].robot for i in filters]
+        waters = list(dict.fromkeys(robots))  # each once, though its current may wander or not
         return Case(step, waters, [Damage()] * len(waters), first, list(due))

@@ -18,6 +18,7 @@ from aquafish.online.self_model import (
     LEAST_OBSERVATION_SD,
     MODEL_ERROR,
     START_ERROR,
+    VELOCITY_ERRORS,
     SelfModel,
     predict,
 )
@@ -48,6 +49,12 @@ SETTLED_ACTIONS = 10  # after which the filter has forgotten its initial state
 SILENT_ACTIONS = 3  # after which a channel without a reading is reported
 GLITCH_SDS = 10.0  # standard deviations beyond which a single reading is ignored as a glitch
 ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # factors on ``MODEL_ERROR`` that are tried
+WANDERING_SPEED = 0.01  # units/s; standard deviation of a wandering current's change in an action
+#: Of a robot and water that are exact, but for a current that wanders.
+WANDERING_ERROR: Floats = MODEL_ERROR.copy()
+WANDERING_ERROR[VELOCITY_ERRORS] = WANDERING_SPEED
+WANDERING_COST = 10.0  # minus the log prior of a current that wanders
+WANDERING_MARGIN = 2.0  # factor on the measured drift: elsewhere it may wander faster
 FOREIGN_ERROR_SCALE = 100.0  # least factor with which the water counts as foreign
 WATERS = (False, True)  # without and with added mass
 DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag tried in foreign water
@@ -142,9 +149,10 @@ class ErrorCalibration:
     """Measures the model's error in the first 50 actions, in which nothing may break.
 
     Filters run side by side, one for each of several model errors, in water without and with added
-    mass; the one of highest likelihood counts. If its model error is large, the water is foreign:
-    filters with other drags of the fins replace them, and start from the first action. If
-    ``fin_angles`` is None, the angles are estimated after five actions with readings.
+    mass, and one more in each with a current that wanders, as where it depends on the place; the
+    one of highest likelihood counts. If its model error is large, the water is foreign: filters
+    with other drags of the fins replace them, and start from the first action. If ``fin_angles`` is
+    None, the angles are estimated after five actions with readings.
 
     Observations (9,) are NaN where a channel gave no reading. Glitches are not used either: single
     readings that even the filter with the largest error did not expect.
@@ -178,21 +186,33 @@ class ErrorCalibration:
 
     def _begin(self) -> None:
         """Start new filters, and let them repeat all actions and observations so far."""
+        errors = [MODEL_ERROR * scale for scale in ERROR_SCALES]
+        if not self.fitted:
+            errors.append(WANDERING_ERROR)
         self.models = [
-            SelfModel(robot, self._fins, MODEL_ERROR * scale, self._start_error, self._hold)
+            SelfModel(robot, self._fins, error, self._start_error, self._hold)
             for robot in self._robots
-            for scale in ERROR_SCALES
+            for error in errors
         ]
+        self._forget_likelihoods()
         self.squares: list[list[tuple[float, int]]] = [[] for _ in self.models]
         self.moments: list[list[Moment]] = [[] for _ in self.models]
         self._surprising = np.zeros(len(CHANNELS), np.bool_)
         for action, observed in self._past:
             self._step(action, observed)
 
+    def _forget_likelihoods(self) -> None:
+        for model in self.models:
+            model.log_likelihood = -WANDERING_COST if _wanders(model) else 0.0
+
     @property
     def exact(self) -> list[int]:
-        """The indices of the filters of the least model error, one for each water."""
-        return list(range(0, len(self.models), len(ERROR_SCALES)))
+        """The indices of the filters of the least error of robot and water.
+
+        Those of a current that wanders come last.
+        """
+        least = [i for i, one in enumerate(self.models) if one.model_error[0] == MODEL_ERROR[0]]
+        return sorted(least, key=lambda i: _wanders(self.models[i]))
 
     @property
     def best(self) -> int:
@@ -208,8 +228,15 @@ class ErrorCalibration:
     def other_water(self) -> str:
         """A description of how the likeliest water differs from the library's; empty if not."""
         robot = self.model.robot
+        mass = "added mass" if robot.reactive else ""
         drag = "" if (robot.drag == 1.0).all() else f"drag of the fins x {robot.drag[0, 0]:g}"
-        return "; ".join(filter(None, ["added mass" if robot.reactive else "", drag]))
+        current = "a current that wanders" if self.wandering else ""
+        return "; ".join(filter(None, [mass, drag, current]))
+
+    @property
+    def wandering(self) -> bool:
+        """Whether the current wanders: the likeliest model lets it."""
+        return _wanders(self.model)
 
     @property
     def foreign(self) -> bool:
@@ -258,8 +285,8 @@ class ErrorCalibration:
         ):
             moments.append(Moment(state, action, observed))
             squares.append((model.correct(observed), int(model.used(observed).sum())))
-            if len(moments) == SETTLED_ACTIONS:
-                model.log_likelihood = 0.0
+        if len(self.squares[0]) == SETTLED_ACTIONS:
+            self._forget_likelihoods()
 
     def _without_glitches(self, observed: Floats) -> Floats:
         """Return an observation with NaN for glitches.
@@ -280,7 +307,8 @@ class ErrorCalibration:
         """Return a monitor, and the rms error (9,) of open-loop predictions less sensor noise.
 
         Both are of the filter of highest likelihood, or of the one with the number ``known``, which
-        was watched. Something may have broken in the last actions: then they do not count.
+        was watched. Something may have broken in the last actions: then they do not count. Where
+        the current wanders the error is doubled: it may wander faster in another place.
         """
         best = self.best if known is None else known
         counted = None if known is None else -UNCOUNTED_ACTIONS
@@ -303,4 +331,10 @@ class ErrorCalibration:
         mean = np.square(np.where(seen, errors, 0.0)).sum(axis=(0, 1)) / np.maximum(count, 1)
         mean[count == 0] = mean.max()  # of a channel that was never observed
         noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
-        return monitor, np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))
+        drift = np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))
+        return monitor, WANDERING_MARGIN * drift if _wanders(model) else drift
+
+
+def _wanders(model: SelfModel) -> bool:
+    """Return whether a filter of a calibration lets the current wander."""
+    return bool(np.array_equal(model.model_error, WANDERING_ERROR))
