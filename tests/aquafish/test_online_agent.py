@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -17,7 +18,9 @@ from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.world_config import WorldConfig
@@ -32,10 +35,11 @@ def swim(
     config: AgentConfig = QUICK,
     known: bool = True,
     teachers: Any = None,
+    engine: Any = "numba",
     **options: Any,
 ) -> Any:
     """Return an agent after some steps of an episode, its robot's truth, and its actions."""
-    env = gym.make("AquaFishRecovery-v0", damage=damage, engine="numba", **options)
+    env = gym.make("AquaFishRecovery-v0", damage=damage, engine=engine, **options)
     observation, info = env.reset(seed=1)
     agent, actions = SelfModelAgent(config=config, teachers=teachers), []
     agent.begin(info["fin_angles"] if known else None)
@@ -158,6 +162,31 @@ def test_a_current_that_begins_changes_no_gait() -> None:
         assert event.about.startswith("current of ")
         found = [float(number) for number in re.findall(r"-?\d\.\d+", event.about)]
         np.testing.assert_allclose(found, [-0.12, 0.21, 0.0], atol=0.02)
+
+
+class TurningCurrent(CompiledWorld):
+    """One robot in a horizontal current, which turns around once in ten seconds."""
+
+    def _start(self, scenario: Scenario) -> None:
+        self._steps = 0
+        super()._start(scenario)
+
+    def _swim(self, command: Vector, steps: int) -> None:
+        for _ in range(steps):
+            turn = 2.0 * math.pi * self._steps / 1000
+            self.set_current((0.15 * math.cos(turn), 0.15 * math.sin(turn), 0.0))
+            super()._swim(command, 1)
+            self._steps += 1
+
+
+def test_where_the_current_wanders_it_is_no_fault_and_a_fault_is_named() -> None:
+    agent, info, _ = swim("left_pectoral:length=0.5@20", engine=TurningCurrent)
+    water, words = "a current that wanders", str(agent.recognised.damage)
+    assert [e.about for e in agent.events if e.what == "water"] == [water]
+    assert min(e.seconds for e in agent.events if e.what == "alarm") >= 20.0
+    assert "unknown" not in whats(agent)
+    assert re.fullmatch(r"left_pectoral:length=0\.\d+", words)
+    np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.05)
 
 
 def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() -> None:
