@@ -22,6 +22,7 @@ from aquafish.online.monitor import (
     WATER_ACTIONS,
     ErrorCalibration,
     ReadingHistory,
+    wanders,
 )
 from aquafish.online.recognition import Recognised, alike
 from aquafish.online.self_model import (
@@ -61,6 +62,7 @@ CONFIRMING_ACTIONS = 7  # after an alarm; what still fits then is trusted
 # observations, and for 50 actions there is no other alarm.
 FOREIGN_OBSERVATIONS = range(3, 13)
 QUIET_ACTIONS = 50
+WANDERING_OBSERVATIONS = 8  # at most, where a current wanders: predictions are good for 10 actions
 ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
 
 
@@ -152,6 +154,7 @@ class SelfModelAgent:
         self._trusted: Trusted | None = None
         self._quiet = 0
         self._foreign = False
+        self._wandering = False
         self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
         self._thoughts: list[Thought[tuple[Case, Recognised]]] = []
         self._chooser = GaitChooser(self.library, self.teachers, config, self.dt, self.events)
@@ -224,7 +227,7 @@ class SelfModelAgent:
         if self._case is not None:
             if self._case.is_due(self._steps):
                 self._infer(self._case, self._moments, self._drift)
-            if not self._case.due:
+            if not self._case.due and self._case.settled(self._steps):
                 self._case = None
 
     def _calibrate(self, calibration: ErrorCalibration, moment: Moment) -> None:
@@ -255,6 +258,7 @@ class SelfModelAgent:
             if known is not None:
                 self.model = calibration.models[known]
                 self._foreign = False
+            self._wandering = wanders(self.model)
             self._monitor, self._drift = calibration.finish(known)
             self._intact = self.model.robot
             self._calibration = None
@@ -270,6 +274,7 @@ class SelfModelAgent:
         self._calibration = None
         self._case = early.case
         self._first_case = case
+        self._wandering = wanders(early.model)
         self._trusted = Trusted(early.model.copy(), Damage(), self.gait)
 
     @property
@@ -290,6 +295,8 @@ class SelfModelAgent:
             most = ERROR_SCALES[-1] * MODEL_ERROR
             self.model.model_error = np.minimum(ERROR_GROWTH * self.model.model_error, most)
         due = [k for k in self.config.inferences if not self._foreign or k in FOREIGN_OBSERVATIONS]
+        if self._wandering:
+            due = [k for k in due if k <= WANDERING_OBSERVATIONS]
         beliefs = [(self.model.robot, self._broken)]
         if self.model.robot is not self._intact:  # what broke may have ended
             beliefs.append((self._intact, Damage()))
@@ -332,11 +339,6 @@ class SelfModelAgent:
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
-        state = found.state
-        since = self._steps - round(thought.event.seconds / self.dt)
-        if since:
-            actions = np.array([moment.action for moment in self._moments[-since:]])
-            state = predict(found.robot, state, actions, self.hold)[1][:, 0]
         changed = self._calibration is not None
         if self._early is not None and changed:
             self._end_calibration(self._early, found, case)
@@ -344,10 +346,24 @@ class SelfModelAgent:
         changed |= not alike(robot, self.model.robot)
         self._monitor.clear()
         self._broken = found.damage
-        self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
+        self._become(robot, found, round(thought.event.seconds / self.dt))
         if changed:
             self._change_gait(soon=True)
+
+    def _become(self, robot: Scenario, found: Recognised, inferred: int) -> None:
+        """Let the self-model be a robot, which was recognised after ``inferred`` actions."""
+        if self._wandering:  # a swim without corrections is wrong after a second
+            self.model.become(robot, found.start)
+            for moment in self._moments[found.onset :]:
+                self.model.step(moment.action)
+                self.model.correct(moment.observed)
+            return
+        state = found.state
+        if since := self._moments[inferred:]:
+            actions = np.array([moment.action for moment in since])
+            state = predict(found.robot, state, actions, self.hold)[1][:, 0]
+        self.model.become(robot, state)
 
     def _doubt(self, last: bool) -> None:
         """Undo what was believed since an alarm; at ``last``, say that its cause is unknown."""

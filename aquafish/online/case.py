@@ -108,7 +108,8 @@ class Case:
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
         # The robot has all of them; what is said of it has the latest.
         faults = self.broken[found.before].faults + found.damage.faults
-        return replace(found, damage=Damage(faults[-MAXIMUM_FAULTS:]))
+        damage = Damage(faults[-MAXIMUM_FAULTS:])
+        return replace(found, damage=damage, onset=self.first + found.onset)
 
 
 def open_case(

@@ -203,7 +203,7 @@ class ErrorCalibration:
 
     def _forget_likelihoods(self) -> None:
         for model in self.models:
-            model.log_likelihood = -WANDERING_COST if _wanders(model) else 0.0
+            model.log_likelihood = -WANDERING_COST if wanders(model) else 0.0
 
     @property
     def exact(self) -> list[int]:
@@ -212,7 +212,7 @@ class ErrorCalibration:
         Those of a current that wanders come last.
         """
         least = [i for i, one in enumerate(self.models) if one.model_error[0] == MODEL_ERROR[0]]
-        return sorted(least, key=lambda i: _wanders(self.models[i]))
+        return sorted(least, key=lambda i: wanders(self.models[i]))
 
     @property
     def best(self) -> int:
@@ -236,7 +236,7 @@ class ErrorCalibration:
     @property
     def wandering(self) -> bool:
         """Whether the current wanders: the likeliest model lets it."""
-        return _wanders(self.model)
+        return wanders(self.model)
 
     @property
     def foreign(self) -> bool:
@@ -332,9 +332,9 @@ class ErrorCalibration:
         mean[count == 0] = mean.max()  # of a channel that was never observed
         noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
         drift = np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))
-        return monitor, WANDERING_MARGIN * drift if _wanders(model) else drift
+        return monitor, WANDERING_MARGIN * drift if wanders(model) else drift
 
 
-def _wanders(model: SelfModel) -> bool:
+def wanders(model: SelfModel) -> bool:
     """Return whether a filter of a calibration lets the current wander."""
     return bool(np.array_equal(model.model_error, WANDERING_ERROR))

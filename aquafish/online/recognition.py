@@ -46,6 +46,8 @@ class Recognised:
         What is broken of its sensors, in words.
     robot
         What it became, its sensors included: a scenario of one.
+    onset, start
+        After how many actions it became that robot, and its state (25,) then.
     state
         (25,) of that robot after the last action.
     explained
@@ -64,6 +66,8 @@ class Recognised:
     current: tuple[float, ...]
     sensors: tuple[str, ...]
     robot: Scenario
+    onset: int
+    start: Floats
     state: Floats
     explained: bool
     decided: bool
@@ -139,6 +143,8 @@ def recognise(
         current=likeliest.current,
         sensors=sensors,
         robot=robot,
+        onset=onset,
+        start=start[:, 0],
         state=ended[:, 0],
         explained=odd <= max(1, int(used.sum()) // 3),
         decided=search.decided(likeliest) and not odd and (something or fits),
