@@ -205,11 +205,9 @@ class SelfModelAgent:
         if self._calibration is not None:
             self._calibrate(self._calibration, moment)
         else:
-            self.model.step(moment.action)
             if self._trusted is not None:
-                self._trusted.model.step(moment.action)
-                self._trusted.model.correct(observed)
-            self._notice(observed, self.model.correct(observed))
+                self._trusted.model.follow(moment.action, observed)
+            self._notice(observed, self.model.follow(moment.action, observed))
         for about in self._readings.add(observed):
             self._log("sensor", about)
 
@@ -266,6 +264,7 @@ class SelfModelAgent:
 
     def _end_calibration(self, early: EarlyWatch, found: Recognised, case: Case) -> None:
         """End the calibration because something broke: the robot was whole until then."""
+        self.model = early.model.copy()
         self._moments = early.moments
         self._monitor = early.monitor
         self._drift = EARLY_DRIFT
@@ -356,8 +355,7 @@ class SelfModelAgent:
         if self._wandering:  # a swim without corrections is wrong after a second
             self.model.become(robot, found.start)
             for moment in self._moments[found.onset :]:
-                self.model.step(moment.action)
-                self.model.correct(moment.observed)
+                self.model.follow(moment.action, moment.observed)
             return
         state = found.state
         if since := self._moments[inferred:]:

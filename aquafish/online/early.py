@@ -16,6 +16,9 @@ from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.array_types import Floats
 
 KNOWN_ACTIONS = 5  # after which the whole robot may be recognised
+#: At most, from the surprise of one filter to that of the last: a filter whose current wanders
+#: takes a mild fault for a current at first.
+SUSPICION_ACTIONS = 5
 #: Numbers of observations with which damage from the start is tried.
 START_INFERENCES = (10, 15, 20, 30, 40)
 #: Rms error of the model's own predictions that is assumed before it is measured.
@@ -52,6 +55,7 @@ class EarlyWatch:
         self._back = back
         self._inferences = inferences
         self._watched: dict[int, SurpriseMonitor] = {}  # by the number of its filter
+        self._surprised: dict[int, tuple[int, SurpriseMonitor]] = {}  # likewise, and when
         self._chosen = calibration.exact[0]
         self._alarmed = False
         self.monitor = SurpriseMonitor()
@@ -92,16 +96,22 @@ class EarlyWatch:
                         self._watched[i].add(square, count, calm=True)
                     self.case = None
             return False
+        steps = len(self.moments)
         surprised = [i for i, one in self._watched.items() if one.add(*squares[i][-1])]
-        if len(surprised) == len(self._watched):
-            self._alarmed = True
-            self._chosen = surprised[0]
-            self.monitor = self._watched[self._chosen]
-            steps = len(self.moments)
-            first = max(steps - 1 - self._back, 0)
-            self.case = self._open(surprised, steps, first, self._inferences)
         for i in surprised:
-            del self._watched[i]
+            self._surprised[i] = steps, self._watched.pop(i)
+        if surprised and not self._watched:
+            since = {i: step for i, (step, _) in self._surprised.items()}
+            recent = [
+                i
+                for i in self._calibration.exact
+                if i in since and steps - since[i] <= SUSPICION_ACTIONS
+            ]
+            self._alarmed = True
+            self._chosen = recent[0]
+            self.monitor = self._surprised[self._chosen][1]
+            first = max(min(since[i] for i in recent) - 1 - self._back, 0)
+            self.case = self._open(recent, steps, first, self._inferences)
         return self._alarmed
 
     def due(self, steps: int) -> Case | None:

@@ -50,7 +50,7 @@ SILENT_ACTIONS = 3  # after which a channel without a reading is reported
 GLITCH_SDS = 10.0  # standard deviations beyond which a single reading is ignored as a glitch
 ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # factors on ``MODEL_ERROR`` that are tried
 WANDERING_SPEED = 0.01  # units/s; standard deviation of a wandering current's change in an action
-#: Of a robot and water that are exact, but for a current that wanders.
+#: Model error of a robot and water that are exact, but for a current that wanders.
 WANDERING_ERROR: Floats = MODEL_ERROR.copy()
 WANDERING_ERROR[VELOCITY_ERRORS] = WANDERING_SPEED
 WANDERING_COST = 10.0  # minus the log prior of a current that wanders
@@ -188,7 +188,7 @@ class ErrorCalibration:
         """Start new filters, and let them repeat all actions and observations so far."""
         errors = [MODEL_ERROR * scale for scale in ERROR_SCALES]
         if not self.fitted:
-            errors.append(WANDERING_ERROR)
+            errors.insert(0, WANDERING_ERROR)
         self.models = [
             SelfModel(robot, self._fins, error, self._start_error, self._hold)
             for robot in self._robots
@@ -230,13 +230,8 @@ class ErrorCalibration:
         robot = self.model.robot
         mass = "added mass" if robot.reactive else ""
         drag = "" if (robot.drag == 1.0).all() else f"drag of the fins x {robot.drag[0, 0]:g}"
-        current = "a current that wanders" if self.wandering else ""
+        current = "a current that wanders" if wanders(self.model) else ""
         return "; ".join(filter(None, [mass, drag, current]))
-
-    @property
-    def wandering(self) -> bool:
-        """Whether the current wanders: the likeliest model lets it."""
-        return wanders(self.model)
 
     @property
     def foreign(self) -> bool:
@@ -308,7 +303,7 @@ class ErrorCalibration:
 
         Both are of the filter of highest likelihood, or of the one with the number ``known``, which
         was watched. Something may have broken in the last actions: then they do not count. Where
-        the current wanders the error is doubled: it may wander faster in another place.
+        the current wanders the returned error is doubled: it may wander faster in another place.
         """
         best = self.best if known is None else known
         counted = None if known is None else -UNCOUNTED_ACTIONS

@@ -137,6 +137,14 @@ class SelfModel:
         errors -= mean
         self.covariance = errors.T @ errors / len(errors) + np.diag(self.model_error**2)
 
+    def follow(self, action: ArrayLike, observed: Floats) -> float:
+        """Predict the state after an action (3,), and correct it by what was observed (9,) then.
+
+        Return what :meth:`correct` returns.
+        """
+        self.step(action)
+        return self.correct(observed)
+
     def used(self, observed: Floats) -> NDArray[np.bool_]:
         """Return which channels (9,) of an observation correct the state."""
         found: NDArray[np.bool_] = np.isfinite(self.noise) & np.isfinite(observed)

@@ -13,9 +13,10 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.case import Case
+from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
-from aquafish.online.self_model import SelfModel, imu_readings, predict
+from aquafish.online.self_model import RECOGNISED_ERROR, SelfModel, imu_readings, predict
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.single import CompiledWorld
@@ -129,6 +130,15 @@ def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: fl
     assert first.what == "inferred"
     assert first.about.startswith("caudal:weak=0.")
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
+
+
+@pytest.mark.parametrize("damage", ["right_pectoral:width=0.8", "caudal:weak=0.9"])
+def test_a_mild_fault_in_the_first_ten_seconds_is_taken_for_no_current(damage: str) -> None:
+    """A filter whose current wanders is surprised by it an action later than the others."""
+    agent, _, _ = swim(f"{damage}@4", 40, AgentConfig(refinements=0))
+    assert {event.about for event in agent.events if event.what == "inferred"} == {damage}
+    # A second fault is to be noticed as after any first one.
+    np.testing.assert_array_equal(agent.model.model_error, RECOGNISED_ERROR)
 
 
 def test_a_fin_and_a_sensor_that_break_at_once_are_both_named() -> None:
@@ -321,6 +331,15 @@ def test_the_drag_of_foreign_water_is_measured(drag: float) -> None:
     assert calibration.model.robot.drag.tolist() == [[drag, 1.0]]
     assert calibration.other_water == ("" if drag == 1.0 else "drag of the fins x 0.5")
     assert not calibration.foreign
+
+
+def test_damage_from_the_start_is_looked_for_once_in_each_water() -> None:
+    """Of each, filters run whose current wanders or not."""
+    calibration = ErrorCalibration(Scenario.create(), np.zeros(3), 20)
+    case = EarlyWatch(calibration, 2, (1, 2)).case
+    assert case is not None
+    assert [robot.reactive for robot in case.before] == [False, True]
+    assert len(calibration.exact) == 4
 
 
 @pytest.mark.slow
