@@ -273,7 +273,7 @@ class SelfModelAgent:
         self._calibration = None
         self._case = early.case
         self._first_case = case
-        self._wandering = wanders(early.model)
+        self._wandering = wanders(self.model)
         self._trusted = Trusted(early.model.copy(), Damage(), self.gait)
 
     @property
@@ -352,7 +352,7 @@ class SelfModelAgent:
 
     def _become(self, robot: Scenario, found: Recognised, inferred: int) -> None:
         """Let the self-model be a robot, which was recognised after ``inferred`` actions."""
-        if self._wandering:  # a swim without corrections is wrong after a second
+        if self._wandering:  # without corrections it is wrong after two seconds
             self.model.become(robot, found.start)
             for moment in self._moments[found.onset :]:
                 self.model.follow(moment.action, moment.observed)
