@@ -129,7 +129,7 @@ def swims(dtype: str) -> Any:
 
 
 def exported() -> Any:
-    """Return a controller's C file and its test vectors, as written."""
+    """Return a controller's C file, its header and its test vectors, as written."""
     from gait.controllers.export import export_c
 
     with tempfile.TemporaryDirectory() as folder:
@@ -137,7 +137,7 @@ def exported() -> Any:
 
 
 def printed() -> Any:
-    """Return the physics in JavaScript, and a model's C file with its test vectors, as written."""
+    """Return the physics in JavaScript, and a model's C file, header and test vectors, as written."""
     from aquafish_gym import Morphology, code_generation
     from gait.controllers.export_model import export_model
 

@@ -49,7 +49,7 @@ def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, bytes]]:
         path = f"{name}/{entry.name}"
         if entry.is_dir() and entry.name != "__pycache__":
             yield from _sources(entry, path)
-        elif entry.name.endswith((".py", ".json", ".ini", ".c")):
+        elif entry.name.endswith((".py", ".json", ".ini", ".c", ".h")):
             yield path, entry.read_bytes()
 
 

@@ -7,15 +7,14 @@ static float NAME_clip(float x, float limit)
 
 //.
 //? tanh
-/* The Pade approximant [7/6] of tanh(z / 32), then five times the double-angle formula. */
+/* The Pade approximant [7/6] of tanh(z / 32), then five times the double-angle formula. Its
+ * coefficients are 17325, 378 and 1, and 62370, 3150 and 28, all divided by 135135. */
 static float NAME_tanh(float z)
 {
     const float y = NAME_clip(z, 20.0f) * 0.03125f;
     const float q = y * y;
-    float n = y * (1.0f + q * ((float)(17325 / 135135.0)
-                   + q * ((float)(378 / 135135.0) + q * (float)(1 / 135135.0))));
-    float d = 1.0f + q * ((float)(62370 / 135135.0)
-              + q * ((float)(3150 / 135135.0) + q * (float)(28 / 135135.0)));
+    float n = y * (1.0f + q * (0.12820514f + q * (0.002797203f + q * 7.4000072e-06f)));
+    float d = 1.0f + q * (0.46153846f + q * (0.023310022f + q * 0.00020720021f));
     for (int i = 0; i < 5; i++) {
         const float twice = 2.0f * n * d;
         d = d * d + n * n;

@@ -1,7 +1,8 @@
-"""C files that ``export`` writes from a template, each with test vectors beside it."""
+"""C files that ``export`` writes from templates, each with a header and test vectors beside it."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,14 +23,23 @@ _FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
 _HEADER = re.compile(rf"[\w,]*({','.join(OUTPUTS)}|observation_0,[\w,]*action_0)[\w,]*\n".encode())
 
 
-def c_files(argument: str, path: Path | str) -> tuple[Path, Path]:
-    """Return the paths of a C file and of its test vectors, which may be written.
+# Of C's own headers, in front of which a header of the same name would be found.
+_HEADERS_OF_C = re.compile(
+    "assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|"
+    "stdalign|stdarg|stdatomic|stdbit|stdbool|stdckdint|stddef|stdint|stdio|stdlib|stdnoreturn|"
+    "string|tgmath|threads|time|uchar|wchar|wctype",
+    re.IGNORECASE,
+)
+
+
+def c_file_path(argument: str, path: Path | str) -> Path:
+    """Return the path of a C file that may be written, with a header and test vectors beside it.
 
     Raises
     ------
     InvalidArgumentError
-        If the file's name is no identifier of C followed by .c, or if another file than an exported
-        one is there.
+        If the file's name is no identifier of C followed by .c, if its header would hide one of
+        C's own, or if another file than an exported one is there.
     """
     source = file_path(argument, path)
     if source.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", source.stem, re.ASCII):
@@ -38,35 +48,56 @@ def c_files(argument: str, path: Path | str) -> tuple[Path, Path]:
             "digits and _, because it begins the names of the functions; "
             f"got {brief(source.name)}"
         )
-    table = source.with_suffix(".csv")
-    for file, ours in ((source, _FIRST_LINE), (table, _HEADER)):
+    if _HEADERS_OF_C.fullmatch(source.stem):
+        raise InvalidArgumentError(
+            f"{argument} must have another name: its header {source.stem}.h would hide C's own "
+            f"<{source.stem.lower()}.h>; got {brief(source.name)}"
+        )
+    for suffix, ours in ((".c", _FIRST_LINE), (".h", _FIRST_LINE), (".csv", _HEADER)):
+        file = source.with_suffix(suffix)
         if file.exists() and not (file.is_file() and ours.match(file.read_bytes())):
             raise InvalidArgumentError(
                 f"{argument} must not overwrite a file that no export wrote; {file} exists"
             )
         output_file(file, argument)
-    return source, table
+    return source
 
 
 @dataclass(frozen=True)
 class CFile:
-    """A C file and its test vectors, which nothing refuses any more; see ``c_files``."""
+    """A C file with its header and test vectors, whose path is checked; see ``c_file_path``."""
 
-    source: Path
-    table: Path
-    text: str
+    path: Path
+    source: str
+    header: str
     columns: Sequence[str]
     rows: Iterable[Iterable[Any]]
 
-    def write(self) -> tuple[Path, Path]:
-        """Write both, and return their paths."""
+    def write(self) -> tuple[Path, Path, Path]:
+        """Write the C file, its header and its test vectors; return their paths."""
         lines = [",".join(self.columns), *(",".join(map(str, row)) for row in self.rows)]
-        write_bytes(self.table, ("\n".join(lines) + "\n").encode())
-        write_bytes(self.source, self.text.encode())
-        return self.source, self.table
+        table = self.path.with_suffix(".csv")
+        header = self.path.with_suffix(".h")
+        write_bytes(table, ("\n".join(lines) + "\n").encode())
+        write_bytes(header, self.header.encode())
+        write_bytes(self.path, self.source.encode())
+        return self.path, header, table
 
 
-def filled(
+def source_and_header(
+    template: str, name: str, values: Mapping[str, object], parts: Mapping[str, bool]
+) -> tuple[str, str]:
+    """Return the C file and the header of two templates of this folder, with ``name`` for NAME.
+
+    The hash of both stands in both, so that those of two exports are never taken for a pair.
+    """
+    texts = [_filled(f"{template}.{suffix}", name, values, parts) for suffix in "ch"]
+    export = hashlib.sha256("".join(texts).encode()).hexdigest()[:8]
+    source, header = (text.replace("$EXPORT", export) for text in texts)
+    return source, header
+
+
+def _filled(
     template: str, name: str, values: Mapping[str, object], parts: Mapping[str, bool]
 ) -> str:
     """Return a template of this folder with ``values`` for $NAMES and ``name`` for NAME.
@@ -81,7 +112,8 @@ def filled(
             kept = line == "//." or parts[line.removeprefix("//? ")]
         elif kept:
             lines.append(line)
-    text = re.sub(r"\$([A-Z_]+)", lambda found: str(values[found[1]]), "\n".join(lines))
+    given = {**values, "EXPORT": "$EXPORT"}
+    text = re.sub(r"\$([A-Z_]+)", lambda found: str(given[found[1]]), "\n".join(lines))
     return re.sub(r"\bNAME(?=_|\b)|(?<=-D)NAME", name, text) + "\n"
 
 

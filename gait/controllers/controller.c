@@ -1,33 +1,4 @@
-/* Written by `aquafish export`: the controller of a swimming robot with three servos.
- *
- * $DESCRIPTION
- *
- * Include this file once where you call it, and link with -lm:
- *
- *     NAME_state state;
- *     NAME_reset(&state$RESET_CALL);  // before a swim
- *     NAME_step(&state$STEP_CALL, command);  // every $MILLISECONDS ms (NAME_milliseconds)
- *
- * command    left and right pectoral servo in rev/s, [-0.5, 0.5]; tail in beats per second (Hz),
- *            [0, 1]. Hold it until the next step.
-//? imu
- * imu        the world's up (x, y, z) and north (x, y, z; the heading to swim in) as unit vectors,
- *            and the angular velocity (x, y, z) in rad/s, all in body axes: x is to the right,
- *            y forward, z up.
-//.
-//? goal
- * goal       the way to the goal (x, y, z) in body axes, in units of 5 cm.
-//.
-//? senses
- *            A reading that is NaN, infinite or out of range (up and north 1, $RANGES)
- *            is not observed: the last one is held.
-//.
-//? fins
- * fin_angles where the left pectoral, the right pectoral and the tail's beat begin, in rad.
- * servo_gain how fast each servo turns relative to its command: 1 if it is whole.
- *            From these and its commands, the controller reckons the angles (state.fins, in turns
- *            of 2 pi). Where an encoder knows better, set state.fins before a step.
-//.
+/* Written by `aquafish export`: the code of NAME.h, which says how to use it.
  *
  * All arithmetic is IEEE 754 single precision, except for the time, which is counted in double. A
  * step has the bits of the simulator's float32 if the compiler neither fuses a * b + c nor
@@ -36,22 +7,15 @@
  *
  *     cc -std=c99 -DNAME_TEST NAME.c -lm -o NAME && ./NAME < NAME.csv
  */
+#include <float.h>
 #include <math.h>
-#include <stdint.h>
 
+#include "NAME.h"
+
+//+ checks.c
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
 #endif
-
-/* The inputs of the network:
- * $INPUT_NAMES */
-enum {
-    NAME_milliseconds = $MILLISECONDS,
-    NAME_inputs = $INPUTS,
-    NAME_nodes = $NODES,
-    NAME_layers = $LAYERS,
-    NAME_widest_layer = $WIDEST
-};
 
 /* Layer l ends before node layer_end[l]. Node n computes tanh(2.5 (bias + response sum)); its sum
  * has the connections first[n] to first[n + 1] - 1, each a weight times the value of its source:
@@ -62,20 +26,6 @@ static const uint16_t NAME_source[] = {$SOURCE};
 static const float NAME_weight[] = {$WEIGHT};
 static const float NAME_bias[] = {$BIAS};
 static const float NAME_response[] = {$RESPONSE};
-
-typedef struct {
-    float values[NAME_inputs + NAME_nodes]; /* the last three: the action, in [-1, 1] */
-//? clock
-    uint32_t steps; /* since the reset */
-//.
-//? fins
-    float fins[3];  /* in turns */
-    float gain[3];
-//.
-//? goal
-    float goal[3];  /* the last that was observed */
-//.
-} NAME_state;
 
 //+ arithmetic.c
 //? senses

@@ -1,4 +1,4 @@
-"""The command ``export``, and a controller as one C99 file for a microcontroller, with vectors.
+"""The command ``export``, and a controller as a C99 file for a microcontroller, with vectors.
 
 ``controller.c`` restates ``network.respond``, ``command.lane_servo_speeds`` and ``command.reckon``
 in C. The test vectors are what these functions return in float32 lanes, and both agree to the bit.
@@ -24,7 +24,14 @@ from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
 from aquafish_gym.utils.validation import InvalidArgumentError, instance
-from gait.controllers.c_files import CFile, c_files, c_float, c_floats, filled, wrapped
+from gait.controllers.c_files import (
+    CFile,
+    c_file_path,
+    c_float,
+    c_floats,
+    source_and_header,
+    wrapped,
+)
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.export_model import model_file
 from gait.controllers.export_policy import policy_file
@@ -38,13 +45,14 @@ VECTOR_SERVO_GAIN = (1.0, 0.75, 1.25)
 
 @dataclass(frozen=True)
 class Export(Given):
-    """Write a controller, or a model to predict with, as one C99 file for a microcontroller.
+    """Write a controller, or a model to predict with, as a C99 file for a microcontroller.
 
     A controller (--c) has a state, a function that resets it, and one that takes a step. --c also
     takes a policy of stable-baselines3, of any environment; it has a function from an observation
     to the action. A model (--model) has the robot's time step, its senses, and a function that
-    predicts what a series of commands leads to. None allocates memory, and all need only math.h.
-    Beside each goes a CSV of test vectors, by which the file can check itself.
+    predicts what a series of commands leads to. None allocates memory, and all call only math.h.
+    Beside each go its header, fish.h for fish.c, and a CSV of test vectors, by which the file can
+    check itself.
     """
 
     example: ClassVar[str] = "out/evolve/controller.json --c fish.c --model model.c"
@@ -81,8 +89,11 @@ class Export(Given):
             )
         if self.model is None:
             self.refuse_given(["morphology", "reactive"], "without --model")
-        elif self.c is not None and self.model.resolve() == self.c.resolve():
-            raise InvalidArgumentError(f"--c and --model must be two files; got {self.c} twice")
+        elif self.c is not None and self.model.stem.lower() == self.c.stem.lower():
+            raise InvalidArgumentError(
+                "--c and --model must have two names, which begin those of the functions; "
+                f"got {self.c} and {self.model}"
+            )
         made: list[CFile] = []
         found = None
         if self.controller is not None and not zipped:
@@ -103,8 +114,8 @@ class Export(Given):
             print(f"wrote {path} ({path.stat().st_size} bytes)")
 
 
-def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
-    """Write a controller as a C file, and test vectors beside it; return both paths.
+def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path, Path]:
+    """Write a controller as a C file, its header and test vectors; return the three paths.
 
     It raises what :func:`controller_file` does.
     """
@@ -121,14 +132,14 @@ def controller_file(controller: Controller, path: Path | str) -> CFile:
         one is there, or if ``controller`` is no ``Controller``.
     """
     instance("controller", controller, Controller)
-    source, table = c_files("c", path)
-    text = c_source(controller, source.stem)
+    source = c_file_path("c", path)
+    texts = controller_texts(controller, source.stem)
     rows = np.concatenate(make_vectors(controller, VECTOR_COUNT), axis=1)
-    return CFile(source, table, text, (*_columns(controller.senses), *OUTPUTS), rows)
+    return CFile(source, *texts, (*_columns(controller.senses), *OUTPUTS), rows)
 
 
-def c_source(controller: Controller, name: str) -> str:
-    """Return a controller as a C file whose functions' names begin with ``name``."""
+def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
+    """Return a controller's C file and header; ``name`` begins the names of its functions."""
     senses = controller.senses
     layers = controller.layers or (1,) * controller.nodes
     nodes, sources = np.nonzero(controller.weights)
@@ -188,10 +199,11 @@ def c_source(controller: Controller, name: str) -> str:
         "goal": senses.goal,
         "senses": senses.imu or senses.goal,
         "waves": senses.clock > 0 or senses.fins,
+        "double": senses.clock > 0 or senses.fins,
         "clip": True,
         "tanh": hidden or not clipped,
     }
-    return filled("controller.c", name, values, parts)
+    return source_and_header("controller", name, values, parts)
 
 
 def make_vectors(

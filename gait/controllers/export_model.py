@@ -1,4 +1,4 @@
-"""A robot's model as one C99 file for a microcontroller, with test vectors.
+"""A robot's model as a C99 file for a microcontroller, with test vectors.
 
 ``model.c`` holds the functions of ``aquafish_gym.code_generation`` and a prediction. The test
 vectors are what float64 lanes swim, and both agree to the bit.
@@ -6,6 +6,7 @@ vectors are what float64 lanes swim, and both agree to the bit.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
 from aquafish_gym.physics.printing import C99
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
-from gait.controllers.c_files import CFile, c_files, filled, wrapped
+from gait.controllers.c_files import CFile, c_file_path, source_and_header, wrapped
 from gait.controllers.network import OUTPUTS, Senses
 
 # Of the test vectors: a swim in which every number counts.
@@ -59,8 +60,8 @@ _WORDS = {
 
 def export_model(
     bodies: MorphologiesLike, path: Path | str, reactive: bool = False
-) -> tuple[Path, Path]:
-    """Write a model as a C file, and test vectors beside it; return both paths.
+) -> tuple[Path, Path, Path]:
+    """Write a model as a C file, its header and test vectors; return the three paths.
 
     It takes and raises what :func:`model_file` does.
     """
@@ -90,21 +91,23 @@ def model_file(bodies: MorphologiesLike, path: Path | str, reactive: bool = Fals
     if not len(rows):
         raise InvalidArgumentError("bodies must be one or more; got none")
     flag("reactive", reactive)
-    file, table = c_files("model", path)
-    text = model_source(rows, file.stem, reactive)
+    file = c_file_path("model", path)
+    texts = model_texts(rows, file.stem, reactive)
     commands, seen = model_vectors(rows[0], VECTOR_COUNT, reactive)
     vectors = np.concatenate([commands, seen], axis=1).tolist()
     columns = (*OUTPUTS, *Senses(clock=0, goal=True).names)
-    return CFile(file, table, text, columns, vectors)
+    return CFile(file, *texts, columns, vectors)
 
 
-def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> str:
-    """Return the model of bodies (M, 9) as a C file; ``name`` begins its functions' names."""
+def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> tuple[str, str]:
+    """Return the C file and header of bodies (M, 9); ``name`` begins the names of the functions."""
     swim = step_reactive if reactive else step
     operations = traced(swim).operations
     numbers = len(traced(swim).lines)
     counts = [f"{count} {_WORDS[operation]}" for operation, count in operations.most_common()]
     functions = source(C99, robot_rows, start, swim, sense, prefix="NAME_")
+    functions = functions.replace("NAME_step_reactive", "NAME_step")
+    heads = re.findall(r"^void \w+\(.*\)$", functions, re.MULTILINE)
     values = {
         "BODIES": "a body" if len(bodies) == 1 else f"{len(bodies)} bodies, a sample",
         "LAW": ", with the added mass of the water" if reactive else "",
@@ -119,7 +122,8 @@ def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False)
         "CHANNELS": CHANNELS_WITH_GOAL,
         "BODY_COUNT": len(bodies),
         "SIZES": "\n" + ",\n".join(f"    {{{wrapped(row)}}}" for row in bodies.tolist()) + "\n",
-        "FUNCTIONS": functions.replace("NAME_step_reactive", "NAME_step"),
+        "FUNCTIONS": functions,
+        "PROTOTYPES": "\n".join(f"{head};" for head in heads),
         "DENSITY": VECTOR_DENSITY,
         "DRAG": wrapped(VECTOR_DRAG),
         "FIN_ANGLES": wrapped(VECTOR_FIN_ANGLES),
@@ -132,7 +136,7 @@ def model_source(bodies: NDArray[np.float64], name: str, reactive: bool = False)
         "COLUMNS": len(OUTPUTS) + CHANNELS_WITH_GOAL,
         "ANSWERS": CHANNELS_WITH_GOAL,
     }
-    return filled("model.c", name, values, {})
+    return source_and_header("model", name, values, {"double": True})
 
 
 def model_vectors(

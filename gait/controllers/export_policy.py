@@ -1,4 +1,4 @@
-"""A policy of stable-baselines3 as one C99 file for a microcontroller, with test vectors.
+"""A policy of stable-baselines3 as a C99 file for a microcontroller, with test vectors.
 
 ``policy.c`` restates ``SB3Policy.act``, and both agree to the bit.
 """
@@ -10,7 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gait.controllers.c_files import CFile, c_files, c_float, c_floats, filled, wrapped
+from gait.controllers.c_files import (
+    CFile,
+    c_file_path,
+    c_float,
+    c_floats,
+    source_and_header,
+    wrapped,
+)
 from gait.controllers.sb3_policy import CHOSEN, CLIPPED, SQUASHED, Floats, SB3Policy
 
 VECTOR_COUNT = 1000
@@ -35,17 +42,18 @@ def policy_file(policy: SB3Policy, path: Path | str) -> CFile:
         If the file's name is no identifier of C followed by .c, if another file than an exported
         one is there, or if a layer exceeds float32.
     """
-    source, table = c_files("c", path)
+    source = c_file_path("c", path)
+    texts = policy_texts(policy, source.stem)
     observations = make_observations(policy, VECTOR_COUNT)
     actions = policy.act(observations)
     columns = [f"observation_{i}" for i in range(policy.widths[0])]
     columns += [f"action_{i}" for i in range(actions.shape[1])]
     rows = [[*seen, *done] for seen, done in zip(observations, actions, strict=True)]
-    return CFile(source, table, policy_source(policy, source.stem), columns, rows)
+    return CFile(source, *texts, columns, rows)
 
 
-def policy_source(policy: SB3Policy, name: str) -> str:
-    """Return a policy as a C file whose functions' names begin with ``name``."""
+def policy_texts(policy: SB3Policy, name: str) -> tuple[str, str]:
+    """Return a policy's C file and header; ``name`` begins the names of its functions."""
     widths = policy.widths
     chosen = policy.output == CHOSEN
     scaled = policy.normalization
@@ -98,8 +106,9 @@ def policy_source(policy: SB3Policy, name: str) -> str:
         "clip": tanh or elu or limited,
         "tanh": tanh or elu,
         "elu": elu,
+        "double": False,
     }
-    return filled("policy.c", name, values, parts)
+    return source_and_header("policy", name, values, parts)
 
 
 def make_observations(policy: SB3Policy, count: int, seed: int = 0) -> Floats:

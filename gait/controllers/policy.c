@@ -1,24 +1,4 @@
-/* Written by `aquafish export`: a policy of stable-baselines3, learned by $KIND.
- *
- * $DESCRIPTION
- *
- * Include this file once where you call it, and link with -lm:
- *
-//? bounds
- *     float action[NAME_actions];
- *     NAME_act(observation, action);
- *
- * observation  $INPUTS numbers, as the environment returns them: flattened by rows$SCALED.
- * action       $ACTIONS numbers between NAME_low and NAME_high, as the environment takes them.
-//.
-//? choice
- *     int action = NAME_act(observation);
- *
- * observation  $INPUTS numbers, as the environment returns them: flattened by rows$SCALED.
- * action       one of $ACTIONS choices, from $FIRST_CHOICE on.
-//.
- *
- * The action is the policy's own, without exploration. A NaN in the observation is not held back.
+/* Written by `aquafish export`: the code of NAME.h, which says how to use it.
  *
  * All arithmetic is IEEE 754 single precision. Each sum begins with the bias and adds the products
  * in the order of the inputs, so the bits do not depend on a library. They are those of the test
@@ -28,15 +8,17 @@
  *
  *     cc -std=c99 -DNAME_TEST NAME.c -lm -o NAME && ./NAME < NAME.csv
  */
+#include <float.h>
 #include <math.h>
 
+#include "NAME.h"
+
+//+ checks.c
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
 #endif
 
 enum {
-    NAME_inputs = $INPUTS,
-    NAME_actions = $ACTIONS,
     NAME_layers = $LAYERS,
     NAME_widest = $WIDEST
 };
@@ -52,8 +34,8 @@ static const float NAME_scale[] = {$SCALE};
 //.
 //? bounds
 
-static const float NAME_low[] = {$LOW};
-static const float NAME_high[] = {$HIGH};
+const float NAME_low[NAME_actions] = {$LOW};
+const float NAME_high[NAME_actions] = {$HIGH};
 //.
 
 //+ arithmetic.c

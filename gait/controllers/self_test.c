@@ -4,7 +4,7 @@
 int main(void)
 {
     $TYPE row[$COLUMNS], found[$ANSWERS];
-    double worst = 0.0;
+    double worst = 0;
     long steps = 0, different = 0;
 
     for (int c = getchar(); c != '\n' && c != EOF;)
@@ -22,7 +22,7 @@ int main(void)
         NAME_answer(steps, row, found);
         for (int i = 0; i < $ANSWERS; i++) {
             const double off = fabs((double)found[i] - (double)row[$COLUMNS - $ANSWERS + i]);
-            different += off != 0.0;
+            different += !(off <= 0); /* NaN, too */
             worst = off > worst ? off : worst;
         }
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -27,6 +28,7 @@ BODY = Morphology.nominal()
 STRICT = (
     "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-pedantic", "-std=c99"
 )  # fmt: skip
+STRICT_CPP = ("-Wall", "-Wextra", "-Wconversion", "-Wold-style-cast", "-Werror", "-pedantic")
 CC = shutil.which("cc")
 needs_cc = pytest.mark.skipif(CC is None, reason="there is no C compiler, cc")
 
@@ -90,7 +92,7 @@ def test_ten_thousand_steps_are_equal_to_the_bit(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(export, "VECTOR_COUNT", 10_000)
-    source, table = export.export_c(KINDS[kind], tmp_path / f"{kind}.c")
+    source, _, table = export.export_c(KINDS[kind], tmp_path / f"{kind}.c")
     different = set(table.read_text(encoding="utf-8").splitlines())
     assert len(different) > (1 if kind == "silent" else 5000)
     # Without main: neither a function nor a constant is unused.
@@ -106,7 +108,7 @@ def test_ten_thousand_steps_are_equal_to_the_bit(
 def test_a_reading_that_cannot_be_is_not_observed(kind: str, tmp_path: Path) -> None:
     """It neither reaches the memory nor the reckoned fins: the last one is held."""
     controller = KINDS[kind]
-    source, table = export.export_c(controller, tmp_path / f"{kind}.c")
+    source, _, table = export.export_c(controller, tmp_path / f"{kind}.c")
     rng, steps = np.random.default_rng(1), 500
     whole = rng.uniform(-1.0, 1.0, (steps, 12)).astype(np.float32)
     broken = whole.copy()
@@ -129,7 +131,7 @@ def test_a_reading_that_cannot_be_is_not_observed(kind: str, tmp_path: Path) -> 
 
 @needs_cc
 def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
-    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    source, _, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
     lines = table.read_text(encoding="utf-8").splitlines()
     numbers = lines[500].split(",")
     numbers[-2] = str(np.nextafter(np.float32(numbers[-2]), np.float32(2)))
@@ -142,7 +144,7 @@ def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
 
 @needs_cc
 def test_the_self_test_refuses_what_is_no_test_vector(tmp_path: Path) -> None:
-    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    source, _, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
     text = table.read_text(encoding="utf-8")
     lines = text.splitlines()
     for broken, row in (
@@ -159,15 +161,17 @@ def test_the_self_test_refuses_what_is_no_test_vector(tmp_path: Path) -> None:
 
 
 def test_exported_files_are_replaced_and_no_others(tmp_path: Path) -> None:
-    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
-    before = source.read_bytes()
-    source.unlink()
-    export.export_c(KINDS["neat"], source)
-    assert source.read_bytes() == before
-    table.write_text("mine", encoding="utf-8")
-    with pytest.raises(InvalidArgumentError, match=r"fish\.csv exists"):
-        export.export_c(KINDS["neat"], source)
-    assert table.read_text(encoding="utf-8") == "mine"
+    files = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    before = [file.read_bytes() for file in files]
+    files[0].unlink()
+    export.export_c(KINDS["neat"], files[0])
+    assert [file.read_bytes() for file in files] == before
+    for file, content in zip(files, before, strict=True):
+        file.write_text("mine", encoding="utf-8")
+        with pytest.raises(InvalidArgumentError, match=rf"{re.escape(file.name)} exists"):
+            export.export_c(KINDS["linear"], files[0])
+        assert file.read_text(encoding="utf-8") == "mine"
+        file.write_bytes(content)
 
 
 @needs_cc
@@ -176,19 +180,95 @@ def test_the_program_on_the_page_compiles(tmp_path: Path) -> None:
     code = page.read_text(encoding="utf-8").split("```c\n")[1].split("```")[0]
     export.export_c(searched("recurrent", Senses(fins=True)), tmp_path / "fish.c")
     (tmp_path / "main.c").write_text(code, encoding="utf-8")
-    subprocess.run([str(CC), *STRICT, "-c", "main.c"], cwd=tmp_path, check=True)
+    subprocess.run([str(CC), *STRICT, "-c", "main.c", "fish.c"], cwd=tmp_path, check=True)
 
 
 @needs_cc
-def test_two_controllers_go_into_one_program(tmp_path: Path) -> None:
+@pytest.mark.parametrize("includes", ["h", "c"])
+def test_two_controllers_go_into_one_program(includes: str, tmp_path: Path) -> None:
     names = ("neat", "recurrent_fins", "ppo_goal")
     for name in names:
         export.export_c(KINDS[name], tmp_path / f"{name}.c")
+    both = "".join(f'#include "{n}.{includes}"\n' for n in names) + "int main(void) { return 0; }\n"
+    (tmp_path / "main.c").write_text(both)
+    sources = ["main.c", *(f"{name}.c" for name in names if includes == "h")]
+    subprocess.run([str(CC), *STRICT, *sources, "-lm", "-o", "a"], cwd=tmp_path, check=True)
+
+
+MAIN = """#include "fish.h"
+#include "fish.h"
+int main(void)
+{
+    fish_state state;
+    const float imu[9] = {0.0f};
+    float command[3];
+    fish_reset(&state);
+    fish_step(&state, imu, command);
+    return command[0] < -0.5f;
+}
+"""
+
+
+@needs_cc
+@pytest.mark.parametrize("name", ["main.c", "sketch.cpp"])
+def test_projects_that_compile_every_file_link(name: str, tmp_path: Path) -> None:
+    """Two sources include the header, one of them C or C++."""
+    compiler = shutil.which("cc" if name == "main.c" else "c++")
+    if compiler is None:
+        pytest.skip("there is no compiler of C++, c++")
+    export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    (tmp_path / name).write_text(MAIN)
+    (tmp_path / "other.c").write_text('#include "fish.h"\nconst int nodes = fish_nodes;\n')
+    every = [str(CC), *STRICT, "-Wmissing-prototypes", "-c", "fish.c", "other.c"]
+    subprocess.run(every, cwd=tmp_path, check=True)
+    strict = STRICT if name == "main.c" else STRICT_CPP
+    linked = [compiler, *strict, name, "fish.o", "other.o", "-lm", "-o", "a"]
+    subprocess.run(linked, cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "a"], check=True)
+
+
+def refused(source: Path, *flags: str) -> str:
+    """Return what the compiler says of a file that it must not compile."""
+    command = [str(CC), "-std=c99", *flags, "-c", str(source), "-o", str(source.with_suffix(".o"))]
+    made = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert made.returncode != 0
+    return made.stderr
+
+
+@needs_cc
+def test_a_header_of_another_export_is_refused(tmp_path: Path) -> None:
+    source, header, _ = export.export_c(KINDS["linear"], tmp_path / "fish.c")
+    other = export.export_c(KINDS["mlp"], tmp_path / "other" / "fish.c")[1]
     both = tmp_path / "both.c"
-    both.write_text(
-        "".join(f'#include "{n}.c"\n' for n in names) + "int main(void) { return 0; }\n"
-    )
-    subprocess.run([str(CC), *STRICT, both, "-o", tmp_path / "both", "-lm"], check=True)
+    both.write_text(f'#include "fish.h"\n#include "{other}"\n')
+    assert "fish_inputs" in refused(both)
+    header.write_bytes(other.read_bytes())
+    assert "fish.h and fish.c are of two exports" in refused(source)
+
+
+LIMITS_OF_AVR = "#include_next <float.h>\n#undef DBL_MANT_DIG\n#define DBL_MANT_DIG 24\n"
+LIMITS_OF_X87 = "#include_next <float.h>\n#undef FLT_EVAL_METHOD\n#define FLT_EVAL_METHOD 2\n"
+
+
+@needs_cc
+@pytest.mark.parametrize("kind", ["mlp", "clock", "ppo_goal", "silent"])
+def test_a_file_does_not_compile_where_its_arithmetic_is_another(kind: str, tmp_path: Path) -> None:
+    """A controller without a clock and fins does without double."""
+    source = export.export_c(KINDS[kind], tmp_path / "fish.c")[0]
+    for flag in ("-ffast-math", "-ffinite-math-only", "-Ofast"):
+        assert "compile this file with -fno-fast-math" in refused(source, flag)
+    folder = tmp_path / "include"
+    folder.mkdir()
+    (folder / "float.h").write_text(LIMITS_OF_X87)
+    assert "compile this file with -msse2 -mfpmath=sse" in refused(source, f"-isystem{folder}")
+    (folder / "float.h").write_text(LIMITS_OF_AVR)
+    single = "-fsingle-precision-constant"
+    if kind in ("mlp", "clock"):
+        assert "needs a double of 64 bits" in refused(source, f"-isystem{folder}")
+        assert "compiled_without_single_precision_constants" in refused(source, single)
+    else:
+        assert build(source, f"-isystem{folder}", single).returncode == 0
+    assert build(source, "-ffast-math", "-fno-fast-math").returncode == 0
 
 
 @pytest.mark.parametrize("kind", [k for k, c in KINDS.items() if not c.senses.goal])
@@ -228,13 +308,13 @@ def test_vectors_are_near_those_of_the_policy_in_double_precision(kind: str) -> 
         np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_the_command_writes_both_files_and_writes_them_again(
+def test_the_command_writes_three_files_and_writes_them_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, source = tmp_path / "controller.json", tmp_path / "new" / "fish.c"
     KINDS["neat"].save(file)
     assert main(["export", str(file), "--c", str(source)]) == 0
-    first = {path: path.read_bytes() for path in (source, source.with_suffix(".csv"))}
+    first = {path: path.read_bytes() for path in map(source.with_suffix, (".c", ".h", ".csv"))}
     assert [f"wrote {p} ({len(b)} bytes)" for p, b in first.items()] == (
         capsys.readouterr().out.splitlines()
     )
@@ -253,6 +333,9 @@ def test_the_command_writes_both_files_and_writes_them_again(
         ("ok", "2fish.c", "c must be a file name FILE.c"),
         ("ok", "fish.txt", "c must be a file name FILE.c"),
         ("ok", "mine.c", "c must not overwrite a file that no export wrote"),
+        ("ok", "heading.c", "c must not overwrite a file that no export wrote"),
+        ("ok", "math.c", "its header math.h would hide C's own <math.h>"),
+        ("ok", "Float.c", "its header Float.h would hide C's own <float.h>"),
         ("ok", "vectors.c", "c must not overwrite a file that no export wrote"),
         ("ok", "file/fish.c", "the folder of c must be a directory"),
         ("huge", "fish.c", "must keep every node's sum within 1e+30"),
@@ -277,7 +360,7 @@ def test_a_wrong_export_is_refused(
         write_document(file, data, SCHEMA)
     elif content is not None:
         file.write_text(content)
-    for precious in ("mine.c", "vectors.csv", "file"):
+    for precious in ("mine.c", "heading.h", "vectors.csv", "file"):
         (tmp_path / precious).write_text("mine")
     before = sorted(path.name for path in tmp_path.iterdir())
     assert main(["export", str(file), "--c", str(tmp_path / name)]) == 2

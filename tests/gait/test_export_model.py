@@ -15,9 +15,9 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
 from gait.controllers.export import export_c
-from gait.controllers.export_model import export_model, model_source, model_vectors
+from gait.controllers.export_model import export_model, model_texts, model_vectors
 from gait.controllers.network import Senses
-from test_export import KINDS, STRICT, build, needs_cc, searched
+from test_export import KINDS, LIMITS_OF_AVR, STRICT, build, needs_cc, refused, searched
 
 BODY = Morphology.nominal()
 BROKEN = Morphology.coerce({"left_pectoral": (0.4, 0.0, 0.1), "caudal": (0.1, 1.0, 0.3)})
@@ -27,12 +27,17 @@ BODIES = [BROKEN, BODY]
 @needs_cc
 @pytest.mark.parametrize("reactive", [False, True])
 def test_a_thousand_commands_are_equal_to_the_bit(reactive: bool, tmp_path: Path) -> None:
-    source, table = export_model(BODIES, tmp_path / "fish.c", reactive)
+    source, _, table = export_model(BODIES, tmp_path / "fish.c", reactive)
     different = set(table.read_text(encoding="utf-8").splitlines())
     assert len(different) == 1001
     # Without main: neither a function nor a constant is unused.
     cc = str(shutil.which("cc"))
-    subprocess.run([cc, *STRICT, "-c", str(source), "-o", str(tmp_path / "a.o")], check=True)
+    strict = [*STRICT, "-Wmissing-prototypes"]
+    subprocess.run([cc, *strict, "-c", str(source), "-o", str(tmp_path / "a.o")], check=True)
+    (tmp_path / "float.h").write_text(LIMITS_OF_AVR)
+    assert "needs a double of 64 bits" in refused(source, f"-isystem{tmp_path}")
+    (tmp_path / "float.h").unlink()
+    assert "without_single_precision_constants" in refused(source, "-fsingle-precision-constant")
     for flags in (("-O0",), ("-O2", "-march=native")):
         ran = build(source, *flags)
         assert ran.stdout == "1000 steps, 0 numbers differ, by at most 0\n"
@@ -41,7 +46,7 @@ def test_a_thousand_commands_are_equal_to_the_bit(reactive: bool, tmp_path: Path
 
 @needs_cc
 def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
-    source, table = export_model(BODY, tmp_path / "fish.c")
+    source, _, table = export_model(BODY, tmp_path / "fish.c")
     lines = table.read_text(encoding="utf-8").splitlines()
     numbers = lines[500].split(",")
     numbers[-2] = repr(float(np.nextafter(float(numbers[-2]), 1000.0)))
@@ -61,7 +66,7 @@ def test_the_vectors_depend_on_the_body_and_on_the_law() -> None:
 
 
 def test_the_head_counts_the_operations() -> None:
-    head, _, code = model_source(BODY.to_array()[None], "fish").partition("#include")
+    code, head = model_texts(BODY.to_array()[None], "fish")
     step = code.partition("void fish_step(")[2].partition("}")[0]
     computed = re.findall(r"const double t\d+ = (fma)?", step)
     assert f"is {len(computed)} operations" in " ".join(head.split(" *"))
@@ -78,7 +83,8 @@ def test_a_robot_imagines(tmp_path: Path) -> None:
     export_model(BODIES, tmp_path / "model.c")
     (tmp_path / "main.c").write_text(code, encoding="utf-8")
     cc = str(shutil.which("cc"))
-    subprocess.run([cc, *STRICT, "main.c", "-lm", "-o", "main"], cwd=tmp_path, check=True)
+    sources = ["main.c", "fish.c", "model.c"]
+    subprocess.run([cc, *STRICT, *sources, "-lm", "-o", "main"], cwd=tmp_path, check=True)
     ran = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True)
     lines = ran.stdout.splitlines()
     assert [line.partition(":")[0] for line in lines] == ["body 0", "body 1"]
@@ -100,12 +106,12 @@ def test_the_command_takes_the_controllers_body(
         (["--reactive"], ("with the added mass",)),
     ):
         assert main(["export", *arguments, "--model", str(tmp_path / "fish.c")]) == 0
-        text = (tmp_path / "fish.c").read_text(encoding="utf-8")
+        text = "".join((tmp_path / f"fish.{end}").read_text(encoding="utf-8") for end in "ch")
         assert [words for words in held if words not in text] == []
         assert "$" not in text
         assert "NAME" not in text
         said = capsys.readouterr().out.splitlines()
-        assert len(said) == (4 if "--c" in arguments else 2)
+        assert len(said) == (6 if "--c" in arguments else 3)
     assert (tmp_path / "swim.c").exists()
 
 
@@ -114,7 +120,8 @@ def test_the_command_takes_the_controllers_body(
     [
         ([], "give --c FILE.c, --model FILE.c or both"),
         (["--c", "fish.c"], "--c needs a controller.json or a policy's .zip before it"),
-        (["controller.json", "--c", "a.c", "--model", "a.c"], "must be two files; got a.c twice"),
+        (["controller.json", "--c", "a.c", "--model", "a.c"], "must have two names"),
+        (["controller.json", "--c", "a/fish.c", "--model", "b/Fish.c"], "must have two names"),
         (["controller.json", "--c", "a.c", "--reactive"], "--reactive has no effect without"),
         (["controller.json", "--c", "a.c", "--morphology", "b"], "--morphology has no effect"),
         (["--model", "my-fish.c"], "model must be a file name FILE.c"),
@@ -123,7 +130,7 @@ def test_the_command_takes_the_controllers_body(
         # Nothing is written where one of two files is refused.
         (["controller.json", "--c", "fish.c", "--model", "mine.c"], "model must not overwrite"),
         (
-            ["controller.json", "--c", "new/a.c", "--model", "mine.c/a.c"],
+            ["controller.json", "--c", "new/a.c", "--model", "mine.c/b.c"],
             "the folder of model must",
         ),
         (["controller.json", "--c", "a.c", "--model", "b.c", "--morphology", "no"], "morphology"),

@@ -23,7 +23,7 @@ from gait.__main__ import main
 from gait.controllers import export_policy
 from gait.controllers.export_policy import policy_file
 from gait.controllers.sb3_zip import read_policy
-from test_export import CC, STRICT, build, needs_cc
+from test_export import CC, LIMITS_OF_AVR, STRICT, build, needs_cc
 
 sb3 = pytest.importorskip("stable_baselines3")
 torch = pytest.importorskip("torch")
@@ -97,7 +97,17 @@ def build_all(sources: list[Path]) -> list[str]:
     whole = sources[0].with_name("all.c")
     whole.write_text("\n".join(lines) + "\n")
     program = whole.with_suffix("")
-    command = [str(CC), *STRICT, *SANITIZERS, str(whole), "-lm", "-o", str(program)]
+    whole.with_name("float.h").write_text(LIMITS_OF_AVR)  # a policy does without double
+    command = [
+        str(CC),
+        *STRICT,
+        *SANITIZERS,
+        "-fsingle-precision-constant",
+        str(whole),
+        "-lm",
+        "-o",
+        str(program),
+    ]
     subprocess.run(command, check=True)
     printed = []
     for i, source in enumerate(sources):
@@ -134,7 +144,7 @@ def test_ten_random_policies_are_equal_to_the_bit(
             numbers = tmp_path / "normalize.npz"
             save_normalization(numbers, normal)
         policy = read_policy(file, numbers)
-        source, table = policy_file(policy, tmp_path / f"policy{i}.c").write()
+        source, _, table = policy_file(policy, tmp_path / f"policy{i}.c").write()
         sources.append(source)
         rows = np.loadtxt(table, delimiter=",", skiprows=1, dtype=np.float32)
         seen, actions = np.split(rows, [policy.widths[0]], axis=1)
@@ -152,7 +162,7 @@ def test_ten_random_policies_are_equal_to_the_bit(
 
 @needs_cc
 def test_the_self_test_sees_a_wrong_number(pendulum: Path, tmp_path: Path) -> None:
-    source, table = policy_file(read_policy(pendulum), tmp_path / "policy.c").write()
+    source, _, table = policy_file(read_policy(pendulum), tmp_path / "policy.c").write()
     lines = table.read_text().splitlines()
     assert lines[0] == "observation_0,observation_1,observation_2,action_0"
     numbers = lines[500].split(",")
@@ -172,8 +182,8 @@ def test_the_command_writes_a_policy_and_writes_it_again(
     words = ["export", str(pendulum), "--c", str(source), "--normalize", str(numbers)]
     for _ in range(2):
         assert main(words) == 0
-        assert len(capsys.readouterr().out.splitlines()) == 2
-    text = source.read_text()
+        assert len(capsys.readouterr().out.splitlines()) == 3
+    text = source.read_text() + source.with_suffix(".h").read_text()
     assert "$" not in text
     assert "NAME" not in text
     assert "malloc" not in text
@@ -194,6 +204,7 @@ def test_the_commands_and_the_program_on_the_page_work(
     assert checked.stdout == page.split("```text\n")[1].split("```")[0]
     Path("main.c").write_text(page.split("```c\n")[1].split("```")[0])
     subprocess.run([str(CC), *STRICT, "-c", "main.c"], check=True)
+    subprocess.run([str(CC), *STRICT, "-Wmissing-prototypes", "-c", "policy.c"], check=True)
 
 
 class Trap:
