@@ -9,6 +9,7 @@ import multiprocessing as _multiprocessing
 import gymnasium as _gymnasium
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.engines.api import simulate
 from aquafish_gym.envs import AquaFishEnv, AquaFishVectorEnv, tasks
 from aquafish_gym.envs.wrappers import FaultWrapper, VectorFaultWrapper
@@ -27,6 +28,7 @@ __all__ = [
     "Morphology",
     "VectorFaultWrapper",
     "WorldConfig",
+    "held_out",
     "simulate",
     "tasks",
 ]

@@ -21,8 +21,7 @@ from tyro.conf import arg
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the clone, for ``experiments``
 
-from aquafish.recovery.held_out import DAMAGES
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import JointConfig
@@ -31,6 +30,7 @@ from eea.fish import EngineTarget, RealityGap, fish_eea
 from experiments.tables import do_table
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
+DAMAGES = held_out("recovery")
 BODIES = 50
 POSES = 32
 ORACLE = "the true body"

@@ -137,7 +137,7 @@ def exported() -> Any:
 
 
 def printed() -> Any:
-    """Return the physics in JavaScript, and a model's C file, header and test vectors, as written."""
+    """Return the physics in JavaScript, and a model in C with its test vectors, as written."""
     from aquafish_gym import Morphology, code_generation
     from gait.controllers.export_model import export_model
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import math
 from collections.abc import Callable
@@ -14,7 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aquafish_gym import held_out
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
+from aquafish_gym.damage.held_out import lists
 from aquafish_gym.damage.words import PARTS, can_grow
 from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology
 from aquafish_gym.scenario import Scenario
@@ -366,3 +369,37 @@ def test_tier_samples_follow_its_table(tier: str) -> None:
         assert len(numbers) / (1000 * count) == pytest.approx(chance.weight, abs=0.04)
         assert chance.low <= min(numbers)
         assert max(numbers) <= chance.high
+
+
+def test_held_out_damages_never_change() -> None:
+    """Numbers may be added: the hash is of those that were published first."""
+    first = {name: [*damages.items()][:300] for name, damages in lists().items()}
+    text = json.dumps([(name, first[name]) for name in sorted(first)])
+    assert len(first) == 26
+    assert hashlib.sha256(text.encode()).hexdigest()[:16] == "251c80e5b24c6f5a"
+
+
+@pytest.mark.parametrize("name", lists())
+def test_held_out_damages_are_certain_and_fit_a_robot(name: str) -> None:
+    whole = Scenario.create()
+    for damage in map(Damage.parse, held_out(name)):
+        assert not damage.is_random
+        assert len(damage) > 0
+        damage.edit(whole)  # raises if it does not fit
+
+
+def test_held_out_damages_are_found_by_number() -> None:
+    assert held_out("severe@15-30", [120_007, 3]) == [
+        lists()["severe@15-30"][120_007], lists()["severe@15-30"][3]
+    ]  # fmt: skip
+    assert held_out("recovery") == held_out("recovery", range(10))
+    held_out("recovery").clear()  # a list of one's own
+    assert len(held_out("recovery")) == 10
+    with pytest.raises(UnknownNameError, match="did you mean 'severe'"):
+        held_out("sever")
+    with pytest.raises(InvalidArgumentError, match="'severe', which has 0 to 99; got 100"):
+        held_out("severe", [0, 100])
+    with pytest.raises(InvalidArgumentError, match="0 to 99 and 120000 to 120199; got 60000"):
+        held_out("mild@15-30", [60_000])
+    with pytest.raises(InvalidArgumentError, match=r"such as range\(100\)"):
+        held_out("severe", 7)  # type: ignore[arg-type]

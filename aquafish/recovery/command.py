@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.markdown import Markdown
 from tyro.conf import arg
 
-from aquafish.recovery.held_out import damage_of
 from aquafish.recovery.report import (
     HELD_OUT,
     Outcomes,
@@ -21,7 +20,7 @@ from aquafish.recovery.report import (
     to_markdown,
 )
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up_treatments
-from aquafish_gym import Damage
+from aquafish_gym import Damage, held_out
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.command_line import (
@@ -150,8 +149,11 @@ class CaseStudy(Given):
         check_workers(self.workers, self.scheduler)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
-        body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
-        damage.apply(body)
+        body = read_morphology(self.morphology, "morphology")
+        damages = [Damage.parse(self.damage)]
+        damages[0].apply(body)
+        if self.held_out:
+            damages = [Damage.parse(text) for text in held_out("recovery")]
         finite_array("gyro_noise", self.gyro_noise, (), 0.0, MAXIMUM_SPIN, "rad/s")
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
@@ -164,7 +166,7 @@ class CaseStudy(Given):
                 treatment=name,
                 seed=seed,
                 morphology=body,
-                damage=damage_of(seed) if self.held_out else damage,
+                damage=damages[seed % len(damages)],
                 eea=joint if spec.model == "joint" else eea,
                 gait=replace(gaits[spec.search], seed=seed),
                 transfer=replace(swims, seed=seed),

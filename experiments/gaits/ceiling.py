@@ -18,14 +18,13 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from aquafish.recovery.held_out import DAMAGES
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.runs.command_line import Out
 from aquafish_gym.utils.validation import integer
 from experiments.tables import do_table, shortened
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
-BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *DAMAGES)
+BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *held_out("recovery"))
 POSES = 32
 FINS: dict[str, Any] = {"senses": ("imu", "clock", "fins")}
 SEARCHES = {

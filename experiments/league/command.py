@@ -50,6 +50,7 @@ from experiments.league.episodes import (
     Sensing,
     Task,
     count_damages,
+    damage_of,
     episode_numbers,
     play,
 )
@@ -128,9 +129,13 @@ class League:
                 )
         check_workers(self.workers, self.scheduler)
         conditions = self.noise, self.water, self.sensing, self.seconds, self.task
+        numbers = episode_numbers(self.seeds, self.first, self.episodes)
+        for tier in self.tiers:
+            for number in numbers:
+                damage_of(tier, number, self.task)  # may lack the number
         return [
             Episode(entrant, tier, number, *conditions)
-            for number in episode_numbers(self.seeds, self.first, self.episodes)
+            for number in numbers
             for tier in self.tiers
             for entrant in self.entrants
         ]

@@ -1,5 +1,7 @@
 """What may break beyond the tiers of random damage, drawn by an episode's number.
 
+Numbers that are published or held out were drawn once: ``aquafish_gym.held_out`` has them.
+
 Three faults at once the agent can name. A damage of ``OUTSIDE`` it cannot: there it should end no
 lower than *blind*, which never looks for damage. And a current may begin while nothing breaks.
 """
@@ -22,6 +24,11 @@ Draw = Callable[[np.random.Generator], str]
 
 ONSETS = (15.0, 30.0)  # s
 FASTEST = 0.2  # units/s, of a current that begins
+
+
+def episode_rng(number: int, tier: str) -> np.random.Generator:
+    """Return the generator from which what an episode of a tier alone has is drawn."""
+    return np.random.default_rng([number, *tier.encode()])
 
 
 def _onset(rng: np.random.Generator, latest: float = ONSETS[1]) -> float:

@@ -11,9 +11,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online.agent import SelfModelAgent
 from aquafish.online.recognition import alike
+from aquafish_gym import held_out
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -22,6 +22,7 @@ from experiments.league.draws import (
     BeginningCurrent,
     Draw,
     beginning_current,
+    episode_rng,
     three_faults,
 )
 from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
@@ -44,67 +45,55 @@ SEEDS: dict[Seeds, range] = {
 }
 Sensing = Literal["fins", "imu", "gyroscope"]
 
-#: Frozen before any agent was tried on them: drawn once from the tiers (numpy seed 2411), then some
-#: by hand. Those under UNKNOWN cannot be said in the agent's words: three fins, thickness, a servo
-#: that turns too fast, and a tail that recovers half of what it lost.
-DRAWN = (
-    "right_pectoral:seized@23.8; caudal:seized@23.8",
-    "right_pectoral:missing@22.6; left_pectoral:length=0.36@22.6",
-    "north_y:dropped@25.0; gyro_x:dropped@25.0",
-    "right_pectoral:length=0.27@18.0; left_pectoral:reversed@18.0",
-    "left_pectoral:length=0.13@22.0; right_pectoral:seized@22.0",
-    "right_pectoral:dead@29.1; left_pectoral:length=0.18@29.1",
-    "right_pectoral:length=0.16@16.2; north_z:dropped@16.2",
-    "caudal:missing@28.0; left_pectoral:length=0.17@28.0",
-    "right_pectoral:length=0.46@20.6",
-    "caudal:weak=0.4@28.1",
-    "right_pectoral:length=0.49@21.9",
-    "caudal:length=0.45@28.0",
-    "right_pectoral:width=0.48@19.4",
-    "gyro:noise=0.021@28.4",
-    "gyro:noise=0.032@16.7",
-    "left_pectoral:length=0.76@24.8",
-)
-IN_A_ROW = (
-    "left_pectoral:length=0.3@16.0; caudal:weak=0.5@27.0",
-    "caudal:width=0.4@18.0; right_pectoral:seized@24.0",
-    "gyro_y:bias=0.2@15.0; left_pectoral:missing@22.0",
-)
-ENDING = ("left_pectoral:seized@16.0+15.0", "caudal:missing@18.0+12.0")
-UNKNOWN = (
-    "left_pectoral:length=0.5@17.0; right_pectoral:width=0.5@17.0; caudal:length=0.5@17.0",
-    "left_pectoral:missing@21.0; right_pectoral:weak=0.5@21.0; caudal:weak=0.5@21.0",
-    "left_pectoral:thickness=0.1@19.0; right_pectoral:thickness=3.0@19.0",
-    "right_pectoral:weak=1.6@23.0; caudal:entangled=0.5@23.0",
-    "caudal:length=0.2@16.0+10.0; caudal:length=0.6@26.0",
-)
-HELD_OUT = (*DRAWN, *IN_A_ROW, *ENDING, *UNKNOWN)
 CURRENT_BEGINS = "current begins"
-#: What breaks in each tier: some damages in turn, or one drawn for each episode. The damages of
-#: "early" are those of "after 15 s" in the episodes of the same numbers.
-TIERS: dict[str, tuple[str, ...] | Draw] = {
-    "severe": ("random:severe@15-30",),
-    "moderate": ("random:moderate@15-30",),
-    "mild": ("random:mild@15-30",),
-    "held-out": HELD_OUT,
-    "none": ("",),
-    "early": ("random:severe@1-9",),
-    "after 15 s": ("random:severe@15-16",),
-    CURRENT_BEGINS: ("",),
+HELD_OUT = "held-out"
+#: What breaks in each tier: nothing; the 26 damages of the list "league" in turn; or one for each
+#: episode, by ``damage_of``, of the list of this name or of the tier's. The damages of "early" are
+#: those of "after 15 s" in the episodes of the same numbers.
+TIERS: dict[str, str | Draw] = {
+    "severe": "severe@15-30",
+    "moderate": "moderate@15-30",
+    "mild": "mild@15-30",
+    HELD_OUT: "league",
+    "none": "",
+    "early": "severe@1-9",
+    "after 15 s": "severe@15-16",
+    CURRENT_BEGINS: "",
     "three faults": three_faults,
     **OUTSIDE,
 }
+RETURNS = ("severe", "moderate", "mild")  # of which the return has lists of its own
 
 
 def count_damages(tier: str) -> int:
     """Return the number of a tier's damages, which its episodes have in turn."""
-    damages = TIERS[tier]
-    return 1 if callable(damages) else len(damages)
+    return len(held_out("league")) if tier == HELD_OUT else 1
+
+
+def damage_of(tier: str, number: int, task: Task = "recovery") -> str:
+    """Return what breaks in an episode: of the development's numbers drawn, else of a list.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the list lacks the number.
+    """
+    what = TIERS[tier]
+    if tier == HELD_OUT:
+        damages = held_out("league")
+        return damages[number % len(damages)]
+    if not what:
+        return ""
+    if number in SEEDS["development"]:
+        return what(episode_rng(number, tier)) if callable(what) else f"random:{what}"
+    name = tier if callable(what) else what
+    own = task == "return" and tier in RETURNS
+    return held_out(f"return {name}" if own else name, [number])[0]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of an entrant: of a tier with D damages, number i has the (i mod D)-th."""
+    """One episode of an entrant; its number says what breaks, and where the fins begin."""
 
     entrant: str
     tier: str
@@ -134,14 +123,13 @@ class Episode:
         faults = [f"gyro:noise={self.noise!r}"] if self.noise else []
         if self.sensing == "gyroscope":
             faults += [f"{channel}:dropped" for channel in CHANNELS[:6]]
-        damages = TIERS[self.tier]
-        damage = damages(self.rng) if callable(damages) else damages[self.number % len(damages)]
-        return "; ".join(filter(None, [*faults, damage]))
+        faults.append(damage_of(self.tier, self.number, self.task))
+        return "; ".join(filter(None, faults))
 
     @property
     def rng(self) -> np.random.Generator:
         """The generator from which what its tier alone has is drawn."""
-        return np.random.default_rng([self.number, *self.tier.encode()])
+        return episode_rng(self.number, self.tier)
 
 
 def episode_numbers(seeds: Seeds, first: int, count: int) -> list[int]:

@@ -32,7 +32,7 @@ from experiments.league.command import (
 )
 from experiments.league.draws import OUTSIDE
 from experiments.league.entrants import ENTRANTS
-from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds
+from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds, count_damages
 from experiments.league.waters import WATERS
 from experiments.tables import markdown
 
@@ -45,7 +45,7 @@ WATER_TABLES = ("home", "none", *OTHER_WATERS)
 TABLES: dict[str, dict[str, Any]] = {
     "home": {"episodes": EPISODES},
     "none": {"episodes": ELSEWHERE, "tiers": ("none",)},
-    "held-out": {"episodes": 2 * len(HELD_OUT), "tiers": ("held-out",)},
+    "held-out": {"episodes": 2 * count_damages(HELD_OUT), "tiers": (HELD_OUT,)},
     "return": {"episodes": EPISODES, "task": "return", "tiers": _ALL},
     **{
         water: {"episodes": ELSEWHERE, "water": water, "tiers": _ALL}

@@ -169,8 +169,9 @@ class Scores:
 
     def jobs(self) -> list[Job | OracleJob]:
         """Return all jobs."""
-        for name in ("replicates", "episodes", "budget_divisor"):
+        for name in ("replicates", "budget_divisor"):
             integer(name, getattr(self, name), 1)
+        integer("episodes", self.episodes, 1, EPISODES)  # of which there are held-out damages
         known: dict[str, Iterable[str]] = {"entries": ROWS, "tasks": IDS_OF}
         for name, choices in known.items():
             given = [one_of(name, one, choices) for one in getattr(self, name)]

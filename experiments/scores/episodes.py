@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym import IDS
+from aquafish_gym import IDS, held_out
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
@@ -21,11 +22,14 @@ WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)
 
 
-def damage_of(name: str, column: str) -> str:
-    """Return the damage of an id's episodes in a column; its onset is the id's own."""
-    usual = IDS[name].get("damage", "")
-    onset = usual.partition("@")[2]
-    return "none" if column == WHOLE else f"random:{column}" + (f"@{onset}" if onset else "")
+def damages_of(name: str, column: str, numbers: Sequence[int]) -> list[str]:
+    """Return the damages of an id's episodes in a column, held out; their onset is the id's own."""
+    if column == WHOLE:
+        return ["none"] * len(numbers)
+    onset = IDS[name].get("damage", "").partition("@")[2]
+    task = IDS[name].get("task", "")
+    own = f"{task} " if task not in ("", "recovery") else ""  # which draws more than fin angles
+    return held_out(f"{own}{column}" + (f"@{onset}" if onset else ""), numbers)
 
 
 def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any]:
@@ -42,10 +46,10 @@ def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any
     whole = evaluate(agent, name, episodes=episodes, damage="none", threads=1)
     found = {WHOLE: _result(whole)}
     for tier in TIERS:
-        damage = damage_of(name, tier)
-        broken = evaluate(agent, name, episodes=episodes, damage=damage, threads=1)
+        damages = damages_of(name, tier, range(episodes))
+        broken = evaluate(agent, name, episodes=episodes, damage=damages, threads=1)
         found[tier] = _result(broken)
-        if "@" in damage and broken.succeeded is None:
+        if "@" in damages[0] and broken.succeeded is None:
             found[tier]["after"] = broken.way_since(broken.onset).tolist()
             found[tier]["twin"] = whole.way_since(broken.onset).tolist()
     return found
@@ -93,7 +97,7 @@ class Onset:
 
 def swim_to_onset(name: str, tier: str, gait: Controller, episode: int) -> Onset:
     """Return one episode at the onset, up to which the robot swims a gait."""
-    kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
+    kwargs: dict[str, Any] = {**IDS[name], "damage": damages_of(name, tier, [episode])}
     envs = AquaFishVectorEnv(1, threads=1, **kwargs)
     seen, info = envs.reset(seed=FIRST_SEED + episode)
     agent = ControllerAgent(gait)

@@ -99,7 +99,8 @@ def evaluate(
 ) -> Evaluation:
     """Return the returns of an agent in E episodes, with statistics.
 
-    With the default seed and number, these are the episodes of the reference scores.
+    With the default seed and number, these are the starts of the reference scores; their damages
+    are ``damage=aquafish_gym.held_out("severe", range(100))``.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def evaluate(
         policy of one robot, as of :func:`gait.swim`, called once a step.
     env, episodes, options
         An environment id, the number E of its robots, which is 100 by default, and its options
-        such as ``damage="random:severe"``; or a vector environment of E robots alone.
+        such as ``damage="random:severe"``, or a list of E damages, one for each episode; or a
+        vector environment of E robots alone.
     seed
         Episode i has the seed ``seed + i``.
 

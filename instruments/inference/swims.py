@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.recovery.held_out import DAMAGES
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import CompiledWorld
@@ -55,7 +54,8 @@ def measure_swim(name: str, number: int, rng: np.random.Generator) -> dict[str, 
             "windows": len(watched.looks),
             "least": min(look.p for look in watched.looks),
         }
-    damage = Damage.parse(DAMAGES[number // GAITS % len(DAMAGES)])
+    damages = held_out("recovery")
+    damage = Damage.parse(damages[number // GAITS % len(damages)])
     at = round(float(rng.uniform(*STRIKES)), 2)
     swim = _swim(gait, whole, at + AFTER, rng, damage.apply(whole), at)
     watched = watch_swim(swim, belief, until_noticed=True, threads=1)

@@ -13,21 +13,23 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from aquafish_gym.damage import Damage
+from aquafish_gym import held_out
+from aquafish_gym.damage import Chance, Damage, Tier, faults
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
+from experiments.league import draws
 from experiments.league.command import SCHEMA, League
 from experiments.league.draws import OUTSIDE, beginning_current
 from experiments.league.entrants import ENTRANTS, _rma
 from experiments.league.episodes import (
-    HELD_OUT,
     SEEDS,
     TIERS,
-    UNKNOWN,
     Episode,
+    Task,
+    damage_of,
     episode_numbers,
     play,
 )
@@ -154,12 +156,37 @@ def test_a_gyroscope_alone_observes_nothing_else() -> None:
     assert damage.count("dropped") == 6
 
 
-def test_held_out_damages_are_frozen_and_can_be_simulated() -> None:
-    assert len(set(HELD_OUT)) == len(HELD_OUT) == 26
-    assert set(UNKNOWN) < set(TIERS["held-out"])
-    for text in HELD_OUT:
-        assert not any(fault.is_random for fault in Damage.parse(text))
+def test_held_out_damages_begin_after_the_gait() -> None:
+    damages = held_out("league")
+    assert len(set(damages)) == len(damages) == 26
+    assert Episode("still", "held-out", 28, noise=0.0).damage == damages[2]
+    for text in damages:
         assert min(fault.span[0] for fault in Damage.parse(text)) >= 15.0
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_no_change_of_random_damage_changes_an_episode(
+    tier: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the development's, each draws."""
+    numbers = (7, 120_041)
+    tasks: tuple[Task, ...] = ("recovery", "return")
+    before = [damage_of(tier, number, task) for number in numbers for task in tasks]
+    assert "random" not in "".join(before)
+    for name in ("severe", "moderate", "mild"):
+        monkeypatch.setitem(faults.TIERS, name, Tier(1, (Chance("seized", 1.0),)))
+    monkeypatch.setattr(draws, "ONSETS", (1.0, 2.0))
+    assert [damage_of(tier, number, task) for number in numbers for task in tasks] == before
+    severe = damage_of("severe", 60_000)
+    assert severe == "random:severe@15-30"
+
+
+def test_a_number_without_a_damage_is_refused_before_anything_plays(tmp_path: Path) -> None:
+    league = League(out=tmp_path, tiers=("none", "severe"), seeds="held-out", first=190)
+    with pytest.raises(InvalidArgumentError, match="120000 to 120199; got 120200"):
+        league.execute()
+    assert list(tmp_path.iterdir()) == []
+    assert len(replace(league, tiers=("none", "held-out"), entrants=("still",)).jobs()) == 200
 
 
 def test_recovery_is_when_the_pace_stays_above() -> None:

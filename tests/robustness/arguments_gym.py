@@ -23,6 +23,7 @@ from aquafish_gym import (
     Morphology,
     VectorFaultWrapper,
     WorldConfig,
+    held_out,
     simulate,
 )
 from aquafish_gym.bodies import read_bodies, write_bodies
@@ -187,6 +188,11 @@ ROWS = [
     Call(Damage, {"faults": ()}, options(faults="empty list")),
     Call(Damage.parse, {"text": "caudal:missing"}, options(text="empty text"), {"text": "damage"}),
     Call(Damage.coerce, {"value": WHOLE}, options(value=NO_DAMAGE), {"value": "damage"}),
+    Call(
+        held_out,
+        {"name": "recovery", "numbers": [0]},
+        options(numbers="none, empty list"),
+    ),
     Call(Damage.random, {"rng": np.random.default_rng(0)}),
     Call(
         WHOLE.sample, {"rng": np.random.default_rng(0), "parts": {}},

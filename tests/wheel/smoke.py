@@ -34,7 +34,7 @@ def check_content() -> None:
     packages = {name.partition("/")[0] for name in held if not name.startswith("aquafish_gym-")}
     assert packages == PACKAGES, packages
     data = ("gait/controllers/controller.c", "gait/controllers/controller.h",
-            "gait/controllers/model.c", "gait/search/neat.ini",
+            "gait/controllers/model.c", "gait/search/neat.ini", "aquafish_gym/damage/held_out.json",
             "aquafish/page/agent.js", "aquafish_gym/rendering/web/scene.js")  # fmt: skip
     for name in (*(f"{package}/py.typed" for package in PACKAGES), *data):
         assert name in held, name

@@ -1,0 +1,83 @@
+"""Held-out damages: lists of texts by number, which no change of random damage touches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache
+
+from aquafish_gym.utils.storage import read_packaged
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+
+FILE = "held_out.json"
+SCHEMA = "aquafish_gym.held_out/1"
+
+
+def held_out(name: str, numbers: Iterable[int] | None = None) -> list[str]:
+    """Return damages of a list as texts, which no method was developed on.
+
+    They stand in a file of the package, and are the same in every version.
+
+    Parameters
+    ----------
+    name
+        "severe", "moderate" and "mild" last from the start. With an onset, as "severe@15-30",
+        something breaks then. docs/environments/damage.md has all lists.
+    numbers
+        Those to return, in this order; all of the list by default.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        If there is no such list, or it lacks a number.
+
+    Examples
+    --------
+    >>> held_out("recovery", [2, 0])
+    ['left_pectoral:missing', 'right_pectoral:length=0.35']
+    >>> len(held_out("severe", range(100)))
+    100
+    """
+    damages = lists()[one_of("name", name, lists())]
+    if numbers is None:
+        return list(damages.values())
+    if isinstance(numbers, str) or not isinstance(numbers, Iterable):
+        raise InvalidArgumentError(
+            f"numbers must be whole numbers, such as range(100); got {numbers!r}"
+        )
+    wanted = [integer("numbers", number, 0) for number in numbers]
+    for number in wanted:
+        if number not in damages:
+            raise InvalidArgumentError(
+                f"numbers must be those of the list {name!r}, which has {spans(list(damages))}; "
+                f"got {number}"
+            )
+    return [damages[number] for number in wanted]
+
+
+@cache
+def lists() -> dict[str, dict[int, str]]:
+    """Return all lists: the damages by their numbers."""
+    found = read_packaged("aquafish_gym.damage", FILE, SCHEMA)["lists"]
+    return {
+        name: {int(number): text for number, text in damages.items()}
+        for name, damages in found.items()
+    }
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Return ascending numbers in words.
+
+    Examples
+    --------
+    >>> spans([0, 1, 2, 7])
+    '0 to 2 and 7'
+    """
+    ends = [[number, number] for number in numbers[:1]]
+    for number in numbers[1:]:
+        if number == ends[-1][1] + 1:
+            ends[-1][1] = number
+        else:
+            ends.append([number, number])
+    return " and ".join(
+        f"{first}" if first == last else f"{first} to {last}" for first, last in ends
+    )
