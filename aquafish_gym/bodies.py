@@ -5,15 +5,17 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import FINS, MAXIMA, Morphology, MorphologyLike
+from aquafish_gym.morphology import FINS, MAXIMA, OTHER_PLANS, Morphology, MorphologyLike
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
 BODIES_SCHEMA = "aquafish.bodies/1"
+_ROBOT_FILES = (".urdf", ".sdf", ".xml", ".mjcf", ".xacro", ".usd")
 
 # One body, a list of them, or an array (M, 9).
 MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
@@ -42,7 +44,15 @@ def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDAr
         isinstance(b, Morphology | Mapping) for b in bodies
     ):
         return np.array([Morphology.coerce(body).to_array() for body in bodies])
-    return finite_array(argument, bodies, (None, 9), 0.0, MAXIMA, flat=True)  # type: ignore[arg-type]
+    return finite_array(
+        argument,
+        bodies,  # type: ignore[arg-type]
+        (None, 9),
+        0.0,
+        MAXIMA,
+        flat=True,
+        hint=OTHER_PLANS,
+    )
 
 
 def median_body(bodies: NDArray[np.float64]) -> Morphology:
@@ -86,6 +96,10 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
+    if Path(path).suffix.lower() in _ROBOT_FILES:
+        raise InvalidArgumentError(
+            f"{argument} must be a JSON file of bodies; got {path}{OTHER_PLANS}"
+        )
     document = read_document(path, argument=argument)
     rows = document.get("morphologies", [document.get("morphology", document)])
     try:
@@ -104,6 +118,6 @@ def _body(value: object) -> Morphology:
     if not isinstance(value, dict) or sorted(value) != sorted(FINS):
         raise InvalidArgumentError(
             f"a body must be an object with the keys {', '.join(FINS)}, or nine numbers; got "
-            f"{brief(value)}"
+            f"{brief(value)}{OTHER_PLANS}"
         )
     return Morphology.coerce(value)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    UnknownNameError,
     brief,
     finite_array,
     one_of,
@@ -66,6 +67,12 @@ SIZES: tuple[str, ...] = ("length", "width", "thickness")
 MAXIMA: NDArray[np.float64] = np.array([d.maximum for d in DIMENSIONS])
 MAXIMA.setflags(write=False)
 
+#: What is said of a body that is none of ours.
+OTHER_PLANS = (
+    "; another body plan is not possible yet: use eea.Robot to infer any robot that you simulate "
+    "(docs/howto/robot.md), or aquafish_gym.FaultWrapper to break any environment"
+)
+
 Size = tuple[float, float, float]
 
 
@@ -98,7 +105,7 @@ class Morphology:
     @classmethod
     def from_array(cls, sizes: ArrayLike) -> Self:
         """Return the body of nine sizes in the order of ``DIMENSIONS``, shape (9,)."""
-        array = finite_array("morphology", sizes, (9,))
+        array = finite_array("morphology", sizes, (9,), hint=OTHER_PLANS)
         return cls(*(tuple(array[3 * i : 3 * i + 3]) for i in range(3)))
 
     @classmethod
@@ -109,7 +116,10 @@ class Morphology:
         if isinstance(value, Morphology):
             return value
         if isinstance(value, Mapping):
-            given = {one_of("morphology fin", fin, FINS): size for fin, size in value.items()}
+            try:
+                given = {one_of("morphology fin", fin, FINS): size for fin, size in value.items()}
+            except UnknownNameError as error:
+                raise UnknownNameError(f"{error}{OTHER_PLANS}") from None
             return cls(**{**asdict(cls.nominal()), **given})
         return cls.from_array(value)
 
@@ -131,7 +141,9 @@ class Morphology:
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
             wanted = f"an object with the keys {', '.join(FINS)}"
-            raise InvalidArgumentError(f"a morphology's JSON must be {wanted}; got {brief(sizes)}")
+            raise InvalidArgumentError(
+                f"a morphology's JSON must be {wanted}; got {brief(sizes)}{OTHER_PLANS}"
+            )
         return cls.coerce(sizes)
 
 

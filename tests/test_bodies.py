@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import aquafish_gym  # noqa: F401  # registers the environments
 from aquafish_gym.bodies import BODIES_SCHEMA, body_array, read_bodies, write_bodies
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.runs.command_line import read_morphology
@@ -36,6 +39,25 @@ def test_bodies_are_whatever_makes_them() -> None:
         body_array(np.zeros(8), "fish")
     with pytest.raises(InvalidArgumentError, match=r"^fish\[0, 8\] must lie in \[0, 1\]"):
         body_array([[0.0] * 8 + [1.5]], "fish")
+
+
+@pytest.mark.parametrize(
+    "body", [[1.0, 2.0, 3.0], np.ones((2, 12)), {"dorsal": (1.0, 1.0, 1.0)}, "fish.urdf"]
+)
+def test_another_body_plan_is_refused_with_what_to_use(body: Any, tmp_path: Path) -> None:
+    words = "another body plan is not possible yet: use eea.Robot .*FaultWrapper"
+    with pytest.raises(InvalidArgumentError, match=words):
+        gym.make("AquaFish-v0", morphology=body)
+    with pytest.raises(InvalidArgumentError, match=words):
+        body_array(body)
+    path = tmp_path / "robot.json"
+    path.write_text(json.dumps({"legs": [0.3, 0.3]}))
+    with pytest.raises(InvalidArgumentError, match=words):
+        read_bodies(path)
+    path = tmp_path / "robot.urdf"
+    path.write_text("<robot/>")
+    with pytest.raises(InvalidArgumentError, match=words):
+        read_bodies(path)
 
 
 def test_bodies_read_back_exactly(tmp_path: Path) -> None:

@@ -68,18 +68,19 @@ def finite_array(
     high: ArrayLike | None = None,
     unit: str = "",
     flat: bool = False,
+    hint: str = "",
 ) -> NDArray[np.float64]:
     """Return ``value`` as a new float64 array of ``shape``, every entry in [``low``, ``high``].
 
     With ``flat``, a batch of one may be given without its leading axis. Numbers as text, booleans,
-    spans of time and masked entries are refused.
+    spans of time and masked entries are refused. ``hint`` ends the messages about another shape.
     """
-    array = real_array(argument, value, shape)
+    array = real_array(argument, value, shape, hint)
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
     if not fits(array.shape, shape):
         raise InvalidArgumentError(
-            f"{argument} must have shape {spelled(shape)}; got {array.shape}"
+            f"{argument} must have shape {spelled(shape)}; got {array.shape}{hint}"
         )
     if not np.isfinite(array).all():
         raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
@@ -100,18 +101,20 @@ def finite_array(
     return array
 
 
-def real_array(argument: str, value: object, wanted: Shape | str) -> NDArray[np.float64]:
+def real_array(
+    argument: str, value: object, wanted: Shape | str, hint: str = ""
+) -> NDArray[np.float64]:
     """Return ``value`` as a new float64 array; entries may be NaN or infinite.
 
     Anything but numbers raises InvalidArgumentError with the ``wanted`` shape, which may be given
-    in words.
+    in words, and the ``hint``.
     """
     try:
         return _real(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
         words = wanted if isinstance(wanted, str) else spelled(wanted)
         raise InvalidArgumentError(
-            f"{argument} must be numbers of shape {words}; got {brief(value)}"
+            f"{argument} must be numbers of shape {words}; got {brief(value)}{hint}"
         ) from None
 
 
