@@ -39,7 +39,7 @@ def pictures(settings: Settings, cleanup: ExitStack) -> Group:
                 lambda: _record(frames, settings), rows[0], most_turns=2)
         )  # fmt: skip
     else:
-        notes.append("RecordVideo is left out: it needs moviepy, of the extra trainers")
+        notes.append("RecordVideo is left out: it needs moviepy, of the extra film")
     if find_spec("viser"):
         update = _viewer(settings, cleanup)
         rows.append(Row("aquafish view", "numba", "float64", ROBOTS, 1, 1, update))
