@@ -1,4 +1,4 @@
-"""Imports: light, without cycles, and from files of one page each."""
+"""Imports: light, and without cycles."""
 
 from __future__ import annotations
 
@@ -84,11 +84,3 @@ def test_no_imports_form_a_cycle() -> None:
     for package in LAZY:  # grimp reads no stubs
         imports[package] = imports[package] | {f"{package}.{line.module}" for line in stub(package)}
     TopologicalSorter(imports).prepare()
-
-
-def test_no_product_file_has_over_400_lines() -> None:
-    root = Path(__file__).parents[1]
-    folders = (*PACKAGES, *IN_A_CLONE, "examples")
-    files = [file for name in folders for file in (root / name).rglob("*.py")]
-    lengths = {str(f.relative_to(root)): len(f.read_text().splitlines()) for f in files}
-    assert [name for name, length in lengths.items() if length > 400] == []

@@ -120,7 +120,7 @@ class SelfModelAgent:
     ) -> None:
         self.hold = integer("hold", hold, 1, 1000)
         self.dt = hold * TIMESTEP
-        self.config = AgentConfig() if config is None else instance("config", config, AgentConfig)
+        self._config = AgentConfig() if config is None else instance("config", config, AgentConfig)
         self._whole = Scenario.create() if robot is None else instance("robot", robot, Scenario)
         if len(self._whole) != 1 or self._whole.servo_lag.any():
             raise InvalidArgumentError(
@@ -128,6 +128,11 @@ class SelfModelAgent:
             )
         self.library = check_library(load_library() if library is None else library, hold)
         self.teachers = check_teachers(teachers, library is None, hold)
+
+    @property
+    def config(self) -> AgentConfig:
+        """Its settings; see :meth:`swim_until` for an episode whose end changes."""
+        return self._config
 
     def begin(self, fin_angles: ArrayLike | None = None) -> None:
         """Begin an episode at rest, with the fins at angles (3,), rad; None infers them."""
@@ -165,6 +170,15 @@ class SelfModelAgent:
         """The controller, or the gait of a teacher, that it swims."""
         return self._chooser.gait
 
+    def swim_until(self, seconds: float) -> None:
+        """Set when this episode ends, in s since it began, instead of ``config.seconds``.
+
+        Gaits are compared and refined for the time that is left.
+        """
+        if not hasattr(self, "model"):
+            raise InvalidArgumentError("begin(fin_angles) must be called before swim_until")
+        self._chooser.until = float(finite_array("seconds", seconds, (), 0.0, unit="s"))
+
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
         if "fin_angles" not in instance("info", info, dict):
@@ -187,6 +201,9 @@ class SelfModelAgent:
         if self._steps:
             readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
             self._observe(observed_directions(readings))
+        seconds = self._steps * self.dt
+        if seconds >= self._chooser.until:
+            self.swim_until(seconds + self.config.seconds)
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             self._thoughts.remove(due[0])

@@ -73,6 +73,11 @@ class GaitChooser:
         For how long, s, an action is held.
     events
         The agent's, to which it adds what it decides.
+
+    Attributes
+    ----------
+    until
+        When the episode ends, s since it began; at first ``config.seconds``.
     """
 
     def __init__(
@@ -86,6 +91,7 @@ class GaitChooser:
         self.library = library
         self.teachers = teachers
         self.config = config
+        self.until = config.seconds
         self.dt = dt
         self.events = events
         self.refined: deque[Gait] = deque(maxlen=REFINED_GAITS)
@@ -161,8 +167,8 @@ class GaitChooser:
 
     def choose_again(self, model: SelfModel, step: int) -> None:
         """In foreign water that the model predicts, change the gait every now and then."""
-        seconds = min(AHEAD_SECONDS, self.config.seconds - step * self.dt)
-        if step % round(CHOOSE_AGAIN_SECONDS / self.dt) or seconds < SHORTEST_AHEAD_SECONDS:
+        seconds = min(AHEAD_SECONDS, self.until - step * self.dt)
+        if step % max(1, round(CHOOSE_AGAIN_SECONDS / self.dt)) or seconds < SHORTEST_AHEAD_SECONDS:
             return
         swum = self._swimming
         event = self._choose(model, step, seconds, Water(foreign=True), LEAST_GAIN)
@@ -213,7 +219,7 @@ class GaitChooser:
 
     def _left(self, step: int) -> float:
         """Return for how long, s, gaits are compared that begin at a step."""
-        return min(self.config.seconds - step * self.dt, LONGEST_COMPARISON_SECONDS)
+        return min(self.until - step * self.dt, LONGEST_COMPARISON_SECONDS)
 
     def _refine(self, model: SelfModel, step: int) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done.

@@ -18,7 +18,8 @@ from aquafish_gym.utils.validation import (
 class AgentConfig:
     """Settings of :class:`~aquafish.online.agent.SelfModelAgent`."""
 
-    seconds: float = 60.0  #: Length of an episode.
+    #: Length of an episode, s. One that goes on beyond it is taken to last as long again.
+    seconds: float = 60.0
     gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
     gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
     #: Numbers of observations from an alarm on with which the robot is inferred, again each time.

@@ -198,7 +198,7 @@ class LiveSwim:
     def _steer(self) -> None:
         agent = self.pilot.agent
         if isinstance(agent, SelfModelAgent):
-            agent.config = replace(agent.config, seconds=self.seconds + GAIT_HORIZON_SECONDS)
+            agent.swim_until(self.seconds + GAIT_HORIZON_SECONDS)
         actions = np.asarray(agent.act(self.observed), float).reshape(self.count, -1)
         self.actions = np.clip(finite_array("actions", actions, (self.count, 3)), -1.0, 1.0)
         self.held = 0

@@ -24,6 +24,7 @@ from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
 from gait import EvolveConfig, evaluate, evolve_gait
 
@@ -119,6 +120,28 @@ def test_in_an_episode_of_any_length_it_thinks_a_minute_ahead() -> None:
     agent, _, _ = swim("caudal:missing@13", 80, AgentConfig(1e5, generations=2, refinements=1))
     assert whats(agent).count("refined") >= 2
     assert all(10.0 < float(e.about.split()[-2]) < 70.0 for e in agent.events if e.what == "chose")
+
+
+def test_in_an_episode_that_goes_on_beyond_its_length_it_still_changes_its_gait() -> None:
+    agent, _, _ = swim("caudal:missing@13", 80, AgentConfig(11.0, generations=2, refinements=1))
+    assert "chose" in [event.what for event in agent.events if event.seconds > 13]
+    with pytest.raises(AttributeError):
+        agent.config = QUICK  # part of it would be used, and part not
+
+
+def test_swim_until_sets_the_time_for_which_gaits_are_compared() -> None:
+    with pytest.raises(InvalidArgumentError, match="begin"):
+        SelfModelAgent().swim_until(20.0)
+    agent, _, _ = swim("none", 10)
+    for wrong in (-1.0, np.nan, "20", None):
+        with pytest.raises(InvalidArgumentError, match="seconds"):
+            agent.swim_until(wrong)
+    agent.swim_until(2.0)  # s since the beginning: now
+    agent._change_gait()
+    assert whats(agent) == []
+    agent.swim_until(6.0)
+    agent._change_gait()
+    assert whats(agent) == ["chose"]
 
 
 @pytest.mark.parametrize("onset", [1.0, 3.0, 9.8])

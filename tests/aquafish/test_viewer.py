@@ -16,12 +16,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aquafish.cli import main
-from aquafish.online import SelfModelAgent
-from aquafish.online.gaits import load_library
+from aquafish.online import AgentConfig, SelfModelAgent, choosing
+from aquafish.online.gaits import imagine, load_library
 from aquafish.viewer.command import View
 from aquafish.viewer.live import (
     BELIEF_SAMPLES,
+    GAIT_HORIZON_SECONDS,
     LiveSwim,
+    ViewerPilot,
     gait_pilot,
     imagine_ghost,
     part_forces,
@@ -185,6 +187,31 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     bodies, states = imagine_ghost(agent, live.actions, live.held)
     sampled = {body.tobytes() for body in bodies[1:]}
     assert sampled <= {one.robot.body[0].tobytes() for one in agent.recognised.alternatives}
+
+
+def test_the_self_model_chooses_gaits_for_20_s_however_long_it_swims(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    compared: list[float] = []
+
+    def imagine_gaits(*arguments: Any) -> Any:
+        compared.append(arguments[-1])
+        return imagine(*arguments)
+
+    monkeypatch.setattr(choosing, "imagine", imagine_gaits)
+    quick = AgentConfig(GAIT_HORIZON_SECONDS, quick_generations=1, generations=1, refinements=1)
+    agent = SelfModelAgent(config=quick, teachers=())
+    live = LiveSwim(ViewerPilot(agent, agent.hold))
+    live.advance(500)
+    live.strike("caudal:missing")
+    live.advance(40)
+    late = [event.what for event in agent.events if event.seconds > 25]
+    assert {"inferred", "chose", "refined"} <= set(late)
+    live.reset()
+    live.advance(201)
+    assert compared == pytest.approx(
+        [GAIT_HORIZON_SECONDS] * 3
+    )  # at 10 s, at the strike, and at 10 s again
 
 
 class Seen:
