@@ -30,8 +30,9 @@ from gait.controllers.controller import Controller
 class View:
     """Watch robots swim in a browser, and break them in mid-swim. Needs the extra view.
 
-    The page is served at 127.0.0.1 alone, until Ctrl-C. A gait, random actions, a policy or, of one
-    robot, the agent with a self-model steers.
+    The page is served at 127.0.0.1 alone, until Ctrl-C, to whoever opens the printed address with
+    its token. A gait, random actions, a policy or, of one robot, the agent with a self-model
+    steers.
     """
 
     example: ClassVar[str] = "--robots 3 --damage left_pectoral:length=0.5@5"

@@ -1,13 +1,15 @@
 """Who may talk to the viewer, and what they may say.
 
-Any page that is open in the user's browser can reach a server at 127.0.0.1. The door lets only the
-viewer's own page in, and only messages that one of its controls can send.
+Any page in the user's browser and any user of the machine can reach a server at 127.0.0.1. The door
+lets only those in who know the address with its token, no other page, and only messages that one of
+the page's controls can send.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -19,6 +21,7 @@ from aquafish_gym.utils.validation import MissingExtraError, install_advice
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 LONGEST_MESSAGE = 16 * 1024  # bytes: the page sends a few hundred, and no files
 LONGEST_TEXT = 500  # characters of a control
+REFUSAL = "Open the whole address that aquafish view printed: it ends with a token.\n"
 CLOSING_SECONDS = 0.5  # a tab that does not answer is not waited for longer
 CAMERA = {
     "wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3, "fov": 0, "near": 0, "far": 0,
@@ -95,7 +98,9 @@ def checked_message(
         if not isinstance(updates, dict) or list(updates) != ["value"]:
             return None
         control = controls.get(uuid) if isinstance(uuid, str) else None
-        value = None if control is None else checked_value(control, updates["value"])
+        if control is None or control.disabled or not control.visible:
+            return None
+        value = checked_value(control, updates["value"])
         return None if value is None else {"type": kind, "uuid": uuid, "updates": {"value": value}}
     if kind == "ViewerCameraMessage":
         return _with_numbers(message, CAMERA, {"type": kind})
@@ -143,14 +148,26 @@ def as_code(text: object) -> str:
     return "`" + " ".join(str(text).replace("`", "'").split()) + "`"
 
 
+def path_behind(token: str, path: str) -> str | None:
+    """Return the path that a requested path has behind the token, ``/:token/path``.
+
+    None if the token is missing or wrong.
+    """
+    given, _, rest = path.removeprefix("/:").partition("/")
+    known = given.isascii() and secrets.compare_digest(given, token)
+    return f"/{rest}" if known else None
+
+
 @contextmanager
-def guarded(check: Callable[[object], Message | None]) -> Iterator[None]:
+def guarded(token: str, check: Callable[[object], Message | None]) -> Iterator[None]:
     """Let servers of viser that start in this context have a door.
 
     Viser has no setting for it, so the function that opens its socket is replaced for a moment.
 
     Parameters
     ----------
+    token
+        Who asks for ``/:token/`` enters. Viser's page opens its connection at its own path.
     check
         Returns a message as it may pass, or None.
 
@@ -181,11 +198,15 @@ def guarded(check: Callable[[object], Message | None]) -> Iterator[None]:
     def serve_guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
         def answer(connection: Any, request: Any) -> Any:
             headers = request.headers
-            if not is_own_page(headers.get_all("Host"), headers.get_all("Origin")):
-                return connection.respond(403, "This page may not use the viewer.\n")
+            own = is_own_page(headers.get_all("Host"), headers.get_all("Origin"))
+            path = path_behind(token, request.path)
+            if path is None or not own:
+                return connection.respond(403, REFUSAL)
+            request.path = path
             response = process_request(connection, request)
             if response is not None:  # a file, which no other page may show in a frame
                 response.headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+                response.headers["Referrer-Policy"] = "no-referrer"  # which has the token
             return response
 
         opened.append(arguments)

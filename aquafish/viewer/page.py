@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import math
 import queue
+import secrets
+import sys
 import time
+import traceback
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -33,6 +37,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 
 MN_PER_UNIT = 6.25
 MAXIMUM_REQUESTS = 20  # requests between two updates
+LONGEST_REPORT = 300  # characters of an error's text
 UPDATE_SECONDS = UPDATE_STEPS * TIMESTEP
 ROW_SPACING = 9.0  # between the start places of a batch along y, units
 LANE_SPACING = 5.0  # the same along x
@@ -50,6 +55,8 @@ class Viewer:
     """A page that shows a swim and changes it.
 
     Controls are attributes that hold viser's handles. All that they do is done by :meth:`update`.
+    Once clients can enter, handles are set in viser's event loop alone: setting one wakes the tasks
+    of all clients, which is safe in no other thread.
 
     Parameters
     ----------
@@ -70,10 +77,13 @@ class Viewer:
         self._updates, self._owed = 0, 0.0
         self._controls: dict[str, Any] = {}  # by the identifiers that the page sends
         self._clickable: dict[str, int] = {}
+        self._reported: set[str] = set()  # tracebacks of what failed
         check = partial(checked_message, controls=self._controls, clickable=self._clickable)
-        with contextlib.redirect_stdout(io.StringIO()), guarded(check):  # without a banner
+        token = secrets.token_urlsafe(16)
+        with contextlib.redirect_stdout(io.StringIO()), guarded(token, check):  # without a banner
             self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
-        self.url = f"http://127.0.0.1:{self.server.get_port()}"
+        # A colon ends the port also for a program that splits the address at colons.
+        self.url = f"http://127.0.0.1:{self.server.get_port()}/:{token}/"
         columns = math.ceil(math.sqrt(swim.count))
         number = np.arange(swim.count)
         self._starts = np.array(
@@ -233,11 +243,41 @@ class Viewer:
         fin = BOXES[box].removesuffix("_break")
 
         def strike() -> None:
-            self.number.value, self.fin.value = robot + 1, fin
+            self._on_page(self._choose, robot, fin)
             self.strike(str(self._chosen_fault()))
 
         if fin in FINS:
             self._ask(strike)
+
+    def _choose(self, robot: int, fin: str) -> None:
+        self.number.value = robot + 1
+        self.fin.value = fin
+
+    def _on_page(self, do: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a function that sets handles returns in viser's event loop."""
+
+        async def called() -> Any:
+            return do(*arguments)
+
+        return asyncio.run_coroutine_threadsafe(called(), self.server.get_event_loop()).result()
+
+    @contextlib.contextmanager
+    def _going_on(self) -> Iterator[None]:
+        """Report an error, once on the terminal, and on the page; then go on."""
+        try:
+            yield
+        except Exception as error:
+            text = "".join(traceback.format_exception_only(error)).strip()[:LONGEST_REPORT]
+            self._problem = f"\n\n{as_code(text)}"
+            way = "".join(traceback.format_tb(error.__traceback__))
+            with contextlib.suppress(Exception):  # of a terminal or a page that is gone
+                if way not in self._reported:
+                    self._reported.add(way)
+                    place = traceback.extract_tb(error.__traceback__)[-1]
+                    said = f"{text} ({place.filename}:{place.lineno}); the viewer goes on"
+                    plain = "".join(c if c.isprintable() else " " for c in said)
+                    print(plain, file=sys.stderr, flush=True)
+                self._on_page(self._write_damage, self.number.value - 1)
 
     def _ask(self, do: Callable[[], None]) -> None:
         """Let the next update do something, unless it has more to do than a user can ask."""
@@ -270,7 +310,8 @@ class Viewer:
             self._chosen = self.pilot.value
             self._restart()
         while not self._todo.empty():
-            self._todo.get()()
+            with self._going_on():
+                self._todo.get()()
         self.swim.set_sizes([slider.value / CM_PER_UNIT for slider in self.sizes])
         self.swim.set_current([slider.value / CM_PER_UNIT for slider in self.current])
         self.swim.advance(0)
@@ -294,6 +335,9 @@ class Viewer:
 
     def draw(self) -> None:
         """Send what has changed to the page."""
+        self._on_page(self._draw)
+
+    def _draw(self) -> None:
         swim, me = self.swim, self.number.value - 1
         states = swim.states.copy()
         states[FIELDS["position"]] = places = self._places()
@@ -355,19 +399,27 @@ class Viewer:
         )
         for button in (self.break_it, self.break_text):
             button.disabled = self.calibrates_for > 0
+        self._write_damage(me)
+        self.thoughts.content = words_about(self.agent, self.calibrates_for)
+
+    def _write_damage(self, me: int) -> None:
         waits = ""
         if self.calibrates_for > 0:
             waits = f"\n\nIn {math.ceil(self.calibrates_for)} s: the self-model measures its error."
-        self.damage.content = f"broken: {as_code(swim.damage_now(me))}{waits}{self._problem}"
-        self.thoughts.content = words_about(self.agent, self.calibrates_for)
+        damage = as_code(self.swim.damage_now(me))
+        self.damage.content = f"broken: {damage}{waits}{self._problem}"
 
     def run(self) -> None:
-        """Print the address, update 20 times a second until Ctrl-C, then stop the server."""
+        """Print the address, update 20 times a second until Ctrl-C, then stop the server.
+
+        An update that fails is reported, and the next one follows.
+        """
         due = time.monotonic()
         try:
             print(f"{self.url}  (Ctrl-C ends it)", flush=True)
             while True:
-                self.update()
+                with self._going_on():
+                    self.update()
                 now = time.monotonic()
                 due = max(due + UPDATE_SECONDS, now)
                 time.sleep(due - now)

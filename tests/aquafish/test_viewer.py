@@ -380,12 +380,13 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
 
 
 @needs_viser
-def test_ctrl_c_ends_the_command() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_end_the_command(number: signal.Signals) -> None:
     words = [sys.executable, "-m", "aquafish", "view", "--port", "8340"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("http://127.0.0.1:")
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         assert process.wait(60) == 0
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import pytest
 
@@ -25,7 +30,7 @@ from websockets.sync.client import connect
 
 from aquafish.viewer import door
 from aquafish.viewer.command import View
-from aquafish.viewer.live import MAXIMUM_VIEWED_FAULTS, LiveSwim
+from aquafish.viewer.live import MAXIMUM_VIEWED_FAULTS, LiveSwim, pilot_of
 from aquafish.viewer.page import Viewer
 from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.browser import browser
@@ -44,9 +49,11 @@ def viewer() -> Iterator[Viewer]:
 
 def enter(viewer: Viewer, **options: Any) -> Any:
     """Open a connection as the page does."""
-    address = viewer.url.replace("http", "ws") + "/"
     return connect(
-        address, subprotocols=[f"viser-v{viser.__version__}"], compression=None, **options
+        viewer.url.replace("http", "ws"),
+        subprotocols=[f"viser-v{viser.__version__}"],
+        compression=None,
+        **options,
     )
 
 
@@ -88,8 +95,83 @@ def test_other_pages_are_refused_at_the_handshake(viewer: Viewer) -> None:
     for origin in ("http://evil.example", "null", "http://127.0.0.1:1"):
         with pytest.raises(InvalidStatus, match="403"):
             enter(viewer, origin=origin)
-    with enter(viewer, origin=viewer.url) as socket:
+    with enter(viewer, origin=f"http://{urlsplit(viewer.url).netloc}") as socket:
         assert socket.recv(timeout=10)
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("/:secret/", "/"),
+        ("/:secret", "/"),
+        ("/:secret/a/b?c", "/a/b?c"),
+        *((wrong, None) for wrong in ("/", "", "/:", "/:/", "/secret/", "/:secre/", "/:secrets/")),
+        *(
+            (wrong, None)
+            for wrong in ("/?token=secret", "/:s\xe9cret/", "/:\udcff/", "/a/:secret/")
+        ),
+    ],
+)
+def test_a_path_needs_the_token(path: str, expected: str | None) -> None:
+    assert door.path_behind("secret", path) == expected
+
+
+def test_another_user_of_the_machine_does_not_enter(viewer: Viewer) -> None:
+    place = urlsplit(viewer.url)
+    for path in ("", "/", "/:wrong/", place.path[:-2], f"/?token={place.path.strip('/:')}"):
+        with pytest.raises(HTTPError, match="403") as refused:
+            urlopen(f"http://{place.netloc}{path}")
+        assert b"address that aquafish view printed" in refused.value.read()
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(f"ws://{place.netloc}{path}", subprotocols=["viser-v" + viser.__version__])
+    with urlopen(viewer.url) as page:
+        assert b"Viser client" in page.read()
+        assert page.headers["Referrer-Policy"] == "no-referrer"
+    with enter(viewer) as socket:
+        assert socket.recv(timeout=10)
+
+
+def test_a_token_is_long_and_of_one_viewer() -> None:
+    pilots = View().pilots()
+    views = [Viewer(LiveSwim(pilots["gait"], 1), pilots, 8370) for _ in range(2)]
+    tokens = {urlsplit(view.url).path for view in views}
+    assert len(tokens) == 2
+    assert min(map(len, tokens)) > 20
+    for view in views:
+        view.close()
+
+
+def test_viser_s_clients_are_woken_in_its_event_loop_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another thread would meet clients that leave: "deque mutated during iteration"."""
+    set_event = asyncio.Event.set
+    threads: list[int] = []
+
+    def set_and_note(event: asyncio.Event) -> None:
+        threads.append(threading.get_ident())
+        set_event(event)
+
+    click = {"ray_origin": [0, 0, 0], "ray_direction": [0, 0, 1], "screen_pos": [0, 0]}
+    pilots = View().pilots()
+    with (
+        closing(Viewer(LiveSwim(pilots["gait"]), pilots, 8380)) as viewer,
+        enter(viewer) as socket,
+        monkeypatch.context() as patched,
+    ):
+        patched.setattr(asyncio.Event, "set", set_and_note)
+        for handle in viewer._controls.values():
+            value = handle.options[1] if hasattr(handle, "options") else handle.value
+            send(socket, "GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": value})
+        settle(viewer)
+        name = viewer.robots.boxes.name
+        send(socket, "SceneNodeClickMessage", name=name, instance_index=3, **click)
+        settle(viewer)
+        assert viewer.pilot.value == "random"
+        assert viewer.swim.faults(0)  # of the click
+        viewer_thread = viewer._on_page(threading.get_ident)
+    assert len(threads) > 100
+    assert set(threads) == {viewer_thread}
 
 
 def test_a_connection_that_asks_nothing_is_no_error(
@@ -168,6 +250,52 @@ def test_hostile_messages_neither_end_nor_freeze_the_viewer(viewer: Viewer) -> N
     viewer.speed.value = before[1]
 
 
+def test_a_hidden_or_disabled_control_has_no_message(viewer: Viewer) -> None:
+    """The slider of one robot, which is hidden, has a range of two."""
+    shown = SimpleNamespace(value=1, min=1, max=2, visible=True, disabled=False)
+    hidden = SimpleNamespace(**{**vars(shown), "visible": False})
+    disabled = SimpleNamespace(**{**vars(shown), "disabled": True})
+    controls = {"shown": shown, "hidden": hidden, "disabled": disabled}
+    for uuid in controls:
+        message = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": 2}}
+        expected = message if uuid == "shown" else None
+        assert door.checked_message(message, controls, {}) == expected
+    with enter(viewer) as socket:
+        uuid = viewer.number._impl.uuid
+        send(socket, "GuiUpdateMessage", uuid=uuid, updates={"value": 2})
+        settle(viewer)
+    assert viewer.number.value == 1
+
+
+def test_an_update_that_fails_is_reported_once_and_the_viewer_goes_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    calls = 0
+
+    def policy(_observation: Any, _time: float) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls == 5:
+            raise KeyboardInterrupt
+        raise ValueError(f"no \x1b[31m action {calls}")
+
+    def fail() -> None:
+        raise KeyError("control")
+
+    pilots = {"policy": pilot_of(policy)}
+    viewer = Viewer(LiveSwim(pilots["policy"]), pilots, 8390)
+    viewer._ask(fail)
+    viewer._ask(viewer.swim.repair)
+    viewer.run()
+    assert calls == 5
+    assert viewer._todo.empty()
+    assert "ValueError: no [31m action 4" in viewer.damage.content.replace("\x1b", "")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split()[0] for line in lines] == ["KeyError:", "ValueError:"]
+    assert "\x1b" not in "".join(lines)
+    assert all("the viewer goes on" in line for line in lines)
+
+
 def test_an_upload_ends_its_connection_alone(viewer: Viewer) -> None:
     with enter(viewer) as socket, enter(viewer) as other:
         socket.send(b"x" * (door.LONGEST_MESSAGE + 1))
@@ -218,7 +346,7 @@ def test_a_strike_while_the_self_model_calibrates_is_refused_at_the_button(viewe
 
 
 def test_without_its_door_the_server_does_not_start() -> None:
-    with pytest.raises(RuntimeError, match="no door"), door.guarded(lambda _: None):
+    with pytest.raises(RuntimeError, match="no door"), door.guarded("token", lambda _: None):
         pass
 
 
@@ -229,7 +357,7 @@ def test_a_stalled_tab_does_not_hold_ctrl_c() -> None:
         assert process.stdout is not None
         address = process.stdout.readline().split()[0]
         stalled = connect(
-            address.replace("http", "ws") + "/",
+            address.replace("http", "ws"),
             subprotocols=[f"viser-v{viser.__version__}"],
             compression=None,
             max_queue=1,
