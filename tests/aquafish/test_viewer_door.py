@@ -48,17 +48,24 @@ def viewer() -> Iterator[Viewer]:
 
 
 def enter(viewer: Viewer, **options: Any) -> Any:
-    """Open a connection as the page does."""
+    """Open a connection as the page does; one that is not read to its end is closed at once."""
     return connect(
         viewer.url.replace("http", "ws"),
         subprotocols=[f"viser-v{viser.__version__}"],
         compression=None,
+        close_timeout=0.1,
         **options,
     )
 
 
 def send(socket: Any, kind: str, **fields: Any) -> None:
     socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+
+def look(socket: Any) -> None:
+    """Send where the camera is, as the page does first: viser answers no other client."""
+    numbers = {name: [0.0] * count if count else 1.0 for name, count in door.CAMERA.items()}
+    send(socket, "ViewerCameraMessage", **{**numbers, "wxyz": [1.0, 0.0, 0.0, 0.0]})
 
 
 def settle(viewer: Viewer) -> None:
@@ -160,6 +167,7 @@ def test_viser_s_clients_are_woken_in_its_event_loop_alone(
         monkeypatch.context() as patched,
     ):
         patched.setattr(asyncio.Event, "set", set_and_note)
+        look(socket)
         for handle in viewer._controls.values():
             value = handle.options[1] if hasattr(handle, "options") else handle.value
             send(socket, "GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": value})
@@ -221,6 +229,7 @@ def test_hostile_messages_neither_end_nor_freeze_the_viewer(viewer: Viewer) -> N
 
     before = viewer.speed.max, viewer.speed.value
     with enter(viewer) as socket:
+        look(socket)
         for handle in viewer._controls.values():
             for value in (NAN, math.inf, 1e308, -(2**60), "<b>", "x" * 9000, None, [[]], {"a": 1}):
                 send(socket, "GuiUpdateMessage", uuid=uuid(handle), updates={"value": value})
