@@ -202,7 +202,7 @@ class Viewer:
             self.thoughts = gui.add_markdown("")
         for button, do in (
             (self.restart, self._restart),
-            (self.break_it, lambda: self.strike(str(self._chosen_fault()))),
+            (self.break_it, self.strike),
             (self.break_text, lambda: self.strike(self.text.value)),
             (self.repair, lambda: self.swim.repair(self._targets())),
         ):
@@ -244,7 +244,7 @@ class Viewer:
 
         def strike() -> None:
             self._on_page(self._choose, robot, fin)
-            self.strike(str(self._chosen_fault()))
+            self.strike()
 
         if fin in FINS:
             self._ask(strike)
@@ -267,32 +267,39 @@ class Viewer:
         try:
             yield
         except Exception as error:
-            text = "".join(traceback.format_exception_only(error)).strip()[:LONGEST_REPORT]
-            self._problem = f"\n\n{as_code(text)}"
-            way = "".join(traceback.format_tb(error.__traceback__))
             with contextlib.suppress(Exception):  # of a terminal or a page that is gone
-                if way not in self._reported:
-                    self._reported.add(way)
-                    place = traceback.extract_tb(error.__traceback__)[-1]
-                    said = f"{text} ({place.filename}:{place.lineno}); the viewer goes on"
-                    plain = "".join(c if c.isprintable() else " " for c in said)
-                    print(plain, file=sys.stderr, flush=True)
-                self._on_page(self._write_damage, self.number.value - 1)
+                self._report(error)
+
+    def _report(self, error: Exception) -> None:
+        text = f"{type(error).__name__}: {error}"[:LONGEST_REPORT]
+        way = "".join(traceback.format_tb(error.__traceback__))
+        if way not in self._reported:
+            self._reported.add(way)
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            said = f"{text} ({place.filename}:{place.lineno}); the viewer goes on"
+            plain = "".join(c if c.isprintable() else " " for c in said)
+            print(plain, file=sys.stderr, flush=True)
+        self._problem = f"\n\n{as_code(text)}"
+        self._on_page(self._write_damage, self.number.value - 1)
 
     def _ask(self, do: Callable[[], None]) -> None:
         """Let the next update do something, unless it has more to do than a user can ask."""
         with contextlib.suppress(queue.Full):
             self._todo.put_nowait(do)
 
-    def strike(self, damage: str) -> None:
-        """Break the chosen robot, or all, in mid-swim; what is wrong is shown on the page."""
+    def strike(self, damage: str | None = None) -> None:
+        """Break the chosen robot, or all, in mid-swim; what is wrong is shown on the page.
+
+        None is the chosen fault.
+        """
         self._problem = ""
         try:
             if (left := self.calibrates_for) > 0:
                 raise InvalidArgumentError(
                     f"the self-model measures its own error: break it in {math.ceil(left)} s"
                 )
-            self.swim.strike(damage, self._targets())
+            wanted = str(self._chosen_fault()) if damage is None else damage
+            self.swim.strike(wanted, self._targets())
         except InvalidArgumentError as error:
             self._problem = f"\n\n{as_code(error)}"
 

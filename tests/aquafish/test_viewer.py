@@ -321,6 +321,12 @@ def test_controls_break_and_change_the_swim(viewer: Viewer) -> None:
     viewer._updates = 0
     viewer.update()
     assert "did you mean" in viewer.damage.content
+    viewer.fault.value, viewer.amount.value = "hold", 0.0
+    press(viewer.break_it)
+    viewer._updates = 0
+    viewer.update()
+    assert "must lie in [0.001, 100] s; got 0" in viewer.damage.content
+    viewer.amount.value = 0.25
     press(viewer.repair)
     viewer.update()
     assert live.broken(0) == ()
