@@ -14,6 +14,8 @@ from eea.core.config import (
     EstimationConfig,
     ExplorationConfig,
     FitConfig,
+    GeneticConfig,
+    InBandConfig,
     JointConfig,
     OutOfBandConfig,
 )
@@ -21,6 +23,8 @@ from eea.core.config import (
 _PARTS: dict[str, tuple[str, ...]] = {
     "exploration": CONDITIONS,
     "estimation": CONDITIONS,
+    "genetic": CONDITIONS,
+    "in_band": ("in-band",),
     "out_of_band": ("out-of-band",),
     "joint": ("joint",),
 }
@@ -32,6 +36,8 @@ class AlgorithmOptions:
 
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
+    genetic: GeneticConfig = field(default_factory=GeneticConfig)
+    in_band: InBandConfig = field(default_factory=InBandConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
     joint: FitConfig = field(default_factory=FitConfig)
 
@@ -59,13 +65,12 @@ class AlgorithmOptions:
 
 
 def _over(config: Config, changes: Mapping[str, Mapping[str, Any]]) -> Config:
+    """Return a configuration with the changes of those parts that its condition has."""
     if isinstance(config, JointConfig):
         return replace(config, **changes["joint"])
+    parts = [part for part, having in _PARTS.items() if config.condition in having]
     return replace(
-        config,
-        exploration=replace(config.exploration, **changes["exploration"]),
-        estimation=replace(config.estimation, **changes["estimation"]),
-        out_of_band=replace(config.out_of_band, **changes["out_of_band"]),
+        config, **{part: replace(getattr(config, part), **changes[part]) for part in parts}
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.behavior import summarize
-from eea.core.checks import TargetError, instance
+from eea.core.checks import TargetError, at_most, instance
 from eea.core.conditions import (
     Experiments,
     first_context,
@@ -92,23 +92,31 @@ class EEA(Session[EEAState]):
                 f"its last command began; {type(target).__name__} has none"
             )
         self._evaluator = ModelEvaluator(simulator, config.steps, problem.axes)
+        self._models = problem.models.with_coding(config.genetic.coding)
+        self._actions = problem.actions.with_coding(config.genetic.coding)
+        bits = min(self._models.bits, self._actions.bits)
+        at_most("genetic.mutations", config.genetic.mutations, "the shortest genome's bits", bits)
         rngs = streams(seed)
-        models = problem.models.random(config.estimation.population, rngs["estimation"])
+        models = self._models.random(config.estimation.population, rngs["estimation"])
         super().__init__(target, problem, config, seed, truth, EEAState((), models), rngs)
 
     def _choose(self, state: EEAState, rngs: Streams) -> tuple[Floats, float | None]:
         """Explore: evolve the command on which the models disagree most."""
         self._simulated = self._evaluator.trials
-        layout = self._problem.actions
+        layout = self._actions
         config = self.config.exploration
         rng = rngs["exploration"]
         if not state.experiments:  # the models are still random bodies, so Eq. 1 has no information
             return layout.decode(layout.random(1, rng))[0], None
-        models = self._problem.models.decode(state.genomes)
+        models = self._models.decode(state.genomes)
+        angles = np.zeros(len(self._problem.hidden))
+        if config.initial_angles == "random":
+            angles = rng.uniform(-np.pi, np.pi, len(angles))
         genome, action_fitness = evolve(
             layout.random(config.population, rng),
             config.generations,
-            lambda genomes: self._disagreement(models, layout.decode(genomes)),  # Eq. 1
+            lambda genomes: self._disagreement(models, layout.decode(genomes), angles),  # Eq. 1
+            self.config.genetic,
             rng,
         )
         return layout.decode(genome[None])[0], action_fitness
@@ -116,9 +124,9 @@ class EEA(Session[EEAState]):
     def _fit(self, state: EEAState, trial: Trial, rngs: Streams) -> tuple[EEAState, RoundFit]:
         """Estimate: evolve models that explain all experiments."""
         config = self.config
-        layout = self._problem.models
+        layout = self._models
         inferring = rngs["inference"]
-        context = first_context(config.condition, len(self._problem.hidden), trial.true_angles)
+        context = first_context(config, len(self._problem.hidden), trial.true_angles)
         behavior = summarize(RecordedLog(trial.gyro))[0]
         experiments = (*state.experiments, Experiment(trial.command, behavior, context))
         genomes = state.genomes
@@ -127,17 +135,25 @@ class EEA(Session[EEAState]):
         known = [(pose, {k: sims[k] for k in keys if k in sims}) for pose, sims in state.known]
         for generation in range(config.estimation.generations):
             if generation:
-                genomes = next_generation(genomes, fitness, rngs["estimation"])
+                genomes = next_generation(genomes, fitness, config.genetic, rngs["estimation"])
             models = layout.decode(genomes)
             if config.condition == "out-of-band" and generation % config.out_of_band.period == 0:
                 experiments = infer_angles(  # optAng, Sec. 3.4
-                    experiments, models, self._evaluator, config.out_of_band, inferring
+                    experiments,
+                    models,
+                    self._evaluator,
+                    config.out_of_band,
+                    config.genetic,
+                    inferring,
                 )
             angles = perform_angles(experiments, len(models), inferring)  # PERFORM, Sec. 3.3
             similarities = self._similarities(genomes, experiments, angles, known)  # Eq. 2
             fitness = model_fitness(similarities)  # Eq. 3
             if config.condition == "in-band":
-                newest = models_range(angles[:, -1], similarities[:, -1])  # Sec. 3.3
+                done = (generation + 1) / config.estimation.generations
+                newest = models_range(  # Sec. 3.3
+                    angles[:, -1], similarities[:, -1], config.in_band, done
+                )
                 experiments = with_context(experiments, -1, newest)
         locked = replace(experiments[-1].context, confidence=1.0)
         experiments = with_context(experiments, -1, locked)
@@ -147,15 +163,15 @@ class EEA(Session[EEAState]):
         fit = RoundFit(models[best], float(fitness[best]), locked, spread, simulated)
         return EEAState(experiments, genomes, tuple(known)), fit
 
-    def _disagreement(self, models: Floats, commands: Floats) -> Floats:
-        """Return ACT_FIT (A,) of commands (A, c) over models (M, n), all angles initially zero.
+    def _disagreement(self, models: Floats, commands: Floats, angles: Floats) -> Floats:
+        """Return ACT_FIT (A,) of commands (A, c) over models (M, n), all from angles (h,).
 
         A command under which a model diverges scores below all others.
         """
         trials = Trials(
             np.tile(models, (len(commands), 1)),
             np.repeat(commands, len(models), axis=0),
-            np.zeros((len(commands) * len(models), len(self._problem.hidden))),
+            np.tile(angles, (len(commands) * len(models), 1)),
         )
         fitness = self._evaluator.disagreements(trials, len(models))
         return np.where(np.isfinite(fitness), fitness, -1.0)
@@ -169,7 +185,7 @@ class EEA(Session[EEAState]):
         are drawn in each generation.
         """
         keys = _keys(genomes)
-        models = self._problem.models.decode(genomes)
+        models = self._models.decode(genomes)
         new: list[tuple[int, int]] = []
         for e, experiment in enumerate(experiments):
             if not experiment.context.fixed:

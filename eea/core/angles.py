@@ -36,3 +36,11 @@ def smallest_inclusive(poses: ArrayLike) -> tuple[Floats, Floats]:
     start = ordered[(before + 1) % len(ordered), each]
     end = ordered[before, each]
     return start, np.where(end < start, end + TURN, end)
+
+
+def extended(min_angle: Floats, max_angle: Floats, share: float) -> tuple[Floats, Floats]:
+    """Return ranges that reach ``share`` of their width beyond each end, at most a turn wide."""
+    width = max_angle - min_angle
+    wider = np.minimum(width * (1.0 + 2.0 * share), TURN)
+    start = wrap(min_angle - 0.5 * (wider - width))
+    return start, start + wider

@@ -11,28 +11,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from eea.core.angles import Floats, smallest_inclusive
-from eea.core.config import OutOfBandConfig, PaperCondition
+from eea.core.angles import Floats, extended, smallest_inclusive
+from eea.core.config import GeneticConfig, InBandConfig, OutOfBandConfig, PaperConfig
 from eea.core.experiment import Context, Experiment, Trials
 from eea.core.fitness import model_fitness
 from eea.core.genetic import evolve
-from eea.core.genome import BitLayout, pose_layout
+from eea.core.genome import pose_layout
 from eea.core.model_evaluator import ModelEvaluator
-
-K_BEST = 3  # number of models; In-Band's range includes their angles
-CONFIDENCE = 0.5  # of In-Band, in the newest experiment's range
 
 Experiments = tuple[Experiment, ...]  # the newest last
 
 
-def first_context(condition: PaperCondition, hidden: int, true_angles: Floats | None) -> Context:
+def first_context(config: PaperConfig, hidden: int, true_angles: Floats | None) -> Context:
     """Return the context of a new experiment with ``hidden`` hidden angles."""
-    if condition == "none":
+    if config.condition == "none":
         return Context.known(np.zeros(hidden))  # Sec. 4.2
-    if condition == "ideal":
+    if config.condition == "ideal":
         assert true_angles is not None  # EEA refuses targets that do not reveal their angles
         return Context.known(true_angles)  # Sec. 4.1
-    return Context.unknown(hidden, CONFIDENCE)
+    return Context.unknown(hidden, config.in_band.confidence)
 
 
 def with_context(experiments: Experiments, index: int, context: Context) -> Experiments:
@@ -42,14 +39,23 @@ def with_context(experiments: Experiments, index: int, context: Context) -> Expe
     return tuple(changed)
 
 
-def models_range(angles: Floats, similarities: Floats) -> Context:
+def models_range(
+    angles: Floats, similarities: Floats, config: InBandConfig, progress: float = 0.0
+) -> Context:
     """Return In-Band's context of the newest experiment: the range of the best models' angles.
 
-    Half of the models begin in that range, the others anywhere, so that the range can move.
-    ``angles`` (N, h) and ``similarities`` (N,) are those of the models in that experiment.
+    ``config.confidence`` of the models begin in that range, the others anywhere, so that the range
+    can move. ``angles`` (N, h) and ``similarities`` (N,) are those of the models in that
+    experiment, ``progress`` is the share of the round's generations that are done.
     """
-    best = np.argsort(-similarities, kind="stable")[:K_BEST]
-    return Context(*smallest_inclusive(angles[best]), CONFIDENCE)
+    best = np.argsort(-similarities, kind="stable")[: config.best]
+    confidence = config.confidence
+    if config.dynamic_split:
+        confidence += (1.0 - confidence) * min(1.0, 2.0 * progress)
+    low, high = smallest_inclusive(angles[best])
+    if config.extension:
+        low, high = extended(low, high, config.extension)
+    return Context(low, high, confidence)
 
 
 def infer_angles(
@@ -57,16 +63,17 @@ def infer_angles(
     models: Floats,
     evaluator: ModelEvaluator,
     config: OutOfBandConfig,
+    genetic: GeneticConfig,
     rng: np.random.Generator,
 ) -> Experiments:
     """Infer the angles of the newest and of ``config.revisit`` other experiments, out of band."""
-    pose = opt_ang(models, experiments[-1], evaluator, config, rng)
+    pose = opt_ang(models, experiments[-1], evaluator, config, genetic, rng)
     experiments = with_context(experiments, -1, Context.known(pose))
     earlier = len(experiments) - 1
     count = min(config.revisit, earlier)
     for e in rng.choice(earlier, count, replace=False) if count else ():
         start = experiments[e].context.min_angle
-        pose = opt_ang(models, experiments[e], evaluator, config, rng, start)
+        pose = opt_ang(models, experiments[e], evaluator, config, genetic, rng, start)
         experiments = with_context(experiments, e, Context.known(pose))
     return experiments
 
@@ -76,6 +83,7 @@ def opt_ang(
     experiment: Experiment,
     evaluator: ModelEvaluator,
     config: OutOfBandConfig,
+    genetic: GeneticConfig,
     rng: np.random.Generator,
     start: Floats | None = None,
 ) -> Floats:
@@ -85,7 +93,7 @@ def opt_ang(
     """
     if config.sampled_models is not None and config.sampled_models < len(models):
         models = models[rng.choice(len(models), config.sampled_models, replace=False)]
-    layout: BitLayout = pose_layout(len(experiment.context.min_angle))
+    layout = pose_layout(len(experiment.context.min_angle)).with_coding(genetic.coding)
     genomes = layout.random(config.inner_population, rng)
     if start is not None:
         genomes[0] = layout.encode(start[None])[0]
@@ -103,7 +111,11 @@ def opt_ang(
         return model_fitness(sim.reshape(len(candidates), len(models)))
 
     genome, _ = evolve(
-        genomes, config.inner_generations, lambda some: pose_fitness(layout.decode(some)), rng
+        genomes,
+        config.inner_generations,
+        lambda some: pose_fitness(layout.decode(some)),
+        genetic,
+        rng,
     )
     best: Floats = layout.decode(genome[None])[0]
     return best

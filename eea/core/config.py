@@ -11,11 +11,14 @@ from eea.core.checks import (
     brief,
     check_fields,
     choice,
+    flag,
     instance,
     real_field,
     whole_field,
 )
 
+Coding = Literal["gray", "binary"]
+Crossover = Literal["uniform", "two-point"]
 PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
@@ -31,9 +34,13 @@ class ExplorationConfig:
 
     population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Size of the population of commands.
     generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations a round.
+    #: Initial joint angles of the models while commands are compared (Eq. 1): "zero", or "random",
+    #: one random pose a round that all models share. The paper does not say.
+    initial_angles: Literal["zero", "random"] = "zero"
 
     def __post_init__(self) -> None:
         check_fields(self, "exploration.")
+        choice("exploration.initial_angles", self.initial_angles, ("zero", "random"))
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,62 @@ class EstimationConfig:
 
     def __post_init__(self) -> None:
         check_fields(self, "estimation.")
+
+
+@dataclass(frozen=True)
+class GeneticConfig:
+    """Settings of the genetic algorithms of commands, of models and of poses (Sec. 4).
+
+    The paper states the crossover rate and the mutations, and neither coding, kind of crossover nor
+    elites.
+
+    Examples
+    --------
+    >>> GeneticConfig(elites=3).mutations
+    1.0
+    """
+
+    #: Code of the genomes: in "gray" neighbouring values differ in one bit, in "binary" in several.
+    coding: Coding = "gray"
+    #: What two parents swap: "uniform" each bit with probability 1/2, "two-point" one stretch.
+    crossover: Crossover = "uniform"
+    crossover_rate: float = real_field(
+        0.75, 0.0, 1.0
+    )  #: Probability that parents swap bits at all.
+    mutations: float = real_field(1.0, 0.0)  #: Mean number of flipped bits a genome.
+    elites: int = whole_field(1, 0, MAXIMUM_SIZE)  #: Number of best genomes that survive unchanged.
+
+    def __post_init__(self) -> None:
+        choice("genetic.coding", self.coding, get_args(Coding))
+        choice("genetic.crossover", self.crossover, get_args(Crossover))
+        check_fields(self, "genetic.")
+
+
+@dataclass(frozen=True)
+class InBandConfig:
+    """Settings of In-Band Inference (Sec. 3.3).
+
+    Examples
+    --------
+    >>> InBandConfig(best=5).confidence
+    0.5
+    """
+
+    #: Number of best models, the paper's K, whose initial angles make the range (Sec. 4.3).
+    best: int = whole_field(3, 1, MAXIMUM_SIZE)
+    #: Share of models that begin inside the newest experiment's range; the others begin at random
+    #: angles.
+    confidence: float = real_field(0.5, 0.0, 1.0)
+    #: The share of models with random angles falls evenly to 0 in the first half of a round's
+    #: generations.
+    dynamic_split: bool = False
+    #: Share of its width by which the range extends beyond the best angles at each end; the paper
+    #: tried 0.2.
+    extension: float = real_field(0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "in_band.")
+        flag("in_band.dynamic_split", self.dynamic_split)
 
 
 @dataclass(frozen=True)
@@ -89,6 +152,8 @@ class PaperConfig:
     rounds: int = whole_field(25, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
     exploration: ExplorationConfig = ExplorationConfig()
     estimation: EstimationConfig = EstimationConfig()
+    genetic: GeneticConfig = GeneticConfig()
+    in_band: InBandConfig = InBandConfig()
     out_of_band: OutOfBandConfig = OutOfBandConfig()
 
     def __post_init__(self) -> None:
@@ -96,10 +161,18 @@ class PaperConfig:
         check_fields(self)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
+        models = self.estimation.population
+        populations = {"exploration.population": self.exploration.population}
+        populations["estimation.population"] = models
+        if self.condition == "in-band":
+            at_most("in_band.best", self.in_band.best, "estimation.population", models)
         if self.condition == "out-of-band":
             judges = self.out_of_band.sampled_models or 0
-            models = self.estimation.population
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
+            populations["out_of_band.inner_population"] = self.out_of_band.inner_population
+        for name, population in populations.items():
+            # With elites alone no generation would differ from the first.
+            at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""

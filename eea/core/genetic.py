@@ -2,7 +2,7 @@
 
 "Both genetic algorithms used tournament selection with a tournament size of two, a crossover
 rate of 0.75 and a mean mutation rate of one gene per genome." The paper does not name the kind of
-crossover, which is uniform here, and no elite.
+crossover, which is uniform by default, and no elite; see ``eea.core.config.GeneticConfig``.
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from eea.core.config import Crossover, GeneticConfig
 from eea.core.genome import Genomes
 
 TOURNAMENT_SIZE = 2  # contestants for each parent
-CROSSOVER_RATE = 0.75  # probability that a pair of parents swaps bits at all
-MUTATIONS = 1.0  # mean number of flipped bits a genome
-ELITES = 1  # number of the best genomes that survive unchanged
 
 
 def tournament(
@@ -32,14 +30,22 @@ def tournament(
     return winner
 
 
-def crossover(mothers: Genomes, fathers: Genomes, rate: float, rng: np.random.Generator) -> Genomes:
+def crossover(
+    mothers: Genomes, fathers: Genomes, kind: Crossover, rate: float, rng: np.random.Generator
+) -> Genomes:
     """Return two children of each pair of parents (N, bits), shape (2 N, bits).
 
-    With probability ``rate`` a pair swaps each bit with probability 1/2; otherwise the children
-    are copies.
+    With probability ``rate`` a pair swaps bits, otherwise the children are copies: "uniform" swaps
+    each bit with probability 1/2, "two-point" the bits between two random cuts.
     """
     pairs, bits = mothers.shape
-    swap = rng.random((pairs, bits)) < 0.5
+    if kind == "two-point":
+        # Two of the bits + 1 gaps around bits; equal ones swap nothing.
+        cuts = np.sort(rng.integers(0, bits + 1, size=(pairs, 2)), axis=1)
+        position = np.arange(bits)
+        swap = (position >= cuts[:, :1]) & (position < cuts[:, 1:])
+    else:
+        swap = rng.random((pairs, bits)) < 0.5
     swap &= rng.random((pairs, 1)) < rate
     return np.concatenate([np.where(swap, fathers, mothers), np.where(swap, mothers, fathers)])
 
@@ -52,7 +58,7 @@ def mutate(genomes: Genomes, mutations: float, rng: np.random.Generator) -> Geno
 
 
 def next_generation(
-    genomes: Genomes, fitness: NDArray[np.floating], rng: np.random.Generator
+    genomes: Genomes, fitness: NDArray[np.floating], config: GeneticConfig, rng: np.random.Generator
 ) -> Genomes:
     """Return the next population, shape (N, bits), the elites first."""
     count = len(genomes)
@@ -60,10 +66,10 @@ def next_generation(
     parents = tournament(fitness, 2 * pairs, TOURNAMENT_SIZE, rng)
     mothers = genomes[parents[:pairs]]
     fathers = genomes[parents[pairs:]]
-    children = crossover(mothers, fathers, CROSSOVER_RATE, rng)
-    children = mutate(children, MUTATIONS, rng)
+    children = crossover(mothers, fathers, config.crossover, config.crossover_rate, rng)
+    children = mutate(children, config.mutations, rng)
     # The sort is stable: among equally fit genomes the earlier is the elite.
-    elites = genomes[np.argsort(-fitness, kind="stable")[:ELITES]]
+    elites = genomes[np.argsort(-fitness, kind="stable")[: config.elites]]
     return np.concatenate([elites, children])[:count]
 
 
@@ -71,6 +77,7 @@ def evolve(
     genomes: Genomes,
     generations: int,
     evaluate: Callable[[Genomes], NDArray[np.floating]],
+    config: GeneticConfig,
     rng: np.random.Generator,
 ) -> tuple[Genomes, float]:
     """Evolve genomes (N, bits) under a constant fitness; return the final best and its fitness.
@@ -82,7 +89,7 @@ def evolve(
     fitness = np.empty(0)
     for generation in range(generations):
         if generation:
-            genomes = next_generation(genomes, fitness, rng)
+            genomes = next_generation(genomes, fitness, config, rng)
         keys = [genome.tobytes() for genome in genomes]
         fresh = {key: i for i, key in enumerate(keys) if key not in known}
         if fresh:

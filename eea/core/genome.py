@@ -1,7 +1,7 @@
 """Binary genomes: strings of bits that encode the values of variables (Sec. 3.2).
 
-A genome is a row of 0s and 1s, the most significant bit of each variable first, in Gray code:
-neighbouring values differ in one bit, so that a mutation can always take the smallest step. A
+A genome is a row of 0s and 1s, the most significant bit of each variable first, by default in Gray
+code: neighbouring values differ in one bit, so that a mutation can always take the smallest step. A
 variable of n bits that decode to the whole number k has the value
 ``low + (high - low) * k / (2^n - 1)``, so that both ends of its range are reachable. A periodic
 variable has ``low + (high - low) * k / 2^n``, because its ends are the same point.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from eea.core.checks import (
     ConfigurationError,
     all_of,
     brief,
+    choice,
     finite,
     flag,
     instance,
@@ -27,6 +28,7 @@ from eea.core.checks import (
     text,
     whole,
 )
+from eea.core.config import Coding
 
 Genomes = NDArray[np.uint8]
 
@@ -83,6 +85,8 @@ class BitLayout:
     array([[2.]])
     """
 
+    coding: Coding = "gray"  #: See :meth:`with_coding`.
+
     def __init__(self, variables: Sequence[Variable]) -> None:
         self.variables: tuple[Variable, ...] = all_of("variables", variables, Variable)
         whole("the number of variables", len(variables), 1)
@@ -101,6 +105,16 @@ class BitLayout:
             self._place[start:stop, column] = 2.0 ** np.arange(variable.bits - 1, -1, -1)
             start = stop
 
+    def with_coding(self, coding: Coding) -> BitLayout:
+        """Return the layout of the same variables in a code, as ``GeneticConfig.coding`` names it.
+
+        The EEA gives the layouts of its problem the code of its settings.
+        """
+        choice("coding", coding, get_args(Coding))
+        layout = BitLayout(self.variables)
+        layout.coding = coding
+        return layout
+
     def __len__(self) -> int:
         return len(self.variables)
 
@@ -116,7 +130,9 @@ class BitLayout:
 
     def decode(self, genomes: ArrayLike) -> NDArray[np.float64]:
         """Return the values of genomes (N, bits) as an array (N, variables)."""
-        bits = (finite("genomes", genomes, (None, self.bits)) @ self._parity) % 2.0
+        bits = finite("genomes", genomes, (None, self.bits))
+        if self.coding == "gray":
+            bits = (bits @ self._parity) % 2.0
         # The greatest k may round to just above the range.
         return np.minimum(self.low + self._quantum * (bits @ self._place), self.high)
 
@@ -131,7 +147,8 @@ class BitLayout:
             k = np.rint((array[:, i] - variable.low) / variable.quantum).astype(np.int64)
             size = 2**variable.bits
             k = k % size if variable.periodic else np.clip(k, 0, size - 1)
-            k ^= k >> 1
+            if self.coding == "gray":
+                k ^= k >> 1
             columns.append((k[:, None] >> np.arange(variable.bits - 1, -1, -1) & 1).astype("u1"))
         return np.concatenate(columns, axis=1)
 

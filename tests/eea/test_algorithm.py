@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eea.core import algorithm, genetic
 from eea.core.algorithm import EEA
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import (
     CONDITIONS,
     EstimationConfig,
     ExplorationConfig,
+    GeneticConfig,
+    InBandConfig,
     JointConfig,
     OutOfBandConfig,
     PaperConfig,
@@ -18,6 +21,7 @@ from eea.core.config import (
     recovery_config,
 )
 from eea.core.experiment import RecordedLog, Trials
+from eea.core.genetic import next_generation
 from eea.core.session import STREAMS, streams
 from eea.study.presets import FIGURES, figure_config
 from fake_fish import MODELS, PROBLEM, STEPS, TRUTH, FakeRevealingTarget, FakeSimulator, FakeTarget
@@ -41,6 +45,65 @@ def test_same_seed_gives_same_run(condition):
     runs = [timeless(eea_of(config, seed).run().rounds) for seed in (3, 3, 4)]
     assert runs[0] == runs[1]
     assert runs[2][-1].morphology != runs[0][-1].morphology
+
+
+@pytest.mark.parametrize(
+    ("condition", "part", "changed"),
+    [
+        ("in-band", "in_band", InBandConfig(best=5)),
+        ("in-band", "in_band", InBandConfig(confidence=0.9)),
+        ("in-band", "in_band", InBandConfig(dynamic_split=True)),
+        ("in-band", "in_band", InBandConfig(extension=0.2)),
+        ("ideal", "genetic", GeneticConfig(coding="binary")),
+        ("ideal", "genetic", GeneticConfig(crossover="two-point")),
+        ("ideal", "genetic", GeneticConfig(crossover_rate=0.5)),
+        ("ideal", "genetic", GeneticConfig(mutations=2.5)),
+        ("ideal", "genetic", GeneticConfig(elites=0)),
+        ("ideal", "exploration", ExplorationConfig(8, 4, initial_angles="random")),
+    ],
+)
+def test_every_choice_of_the_paper_changes_a_run(condition, part, changed):
+    config = replace(QUICK, condition=condition)
+    runs = [
+        timeless(eea_of(each).run().rounds) for each in (config, replace(config, **{part: changed}))
+    ]
+    assert runs[0] != runs[1]
+    # The first command is random, and the hidden angles belong to the seed.
+    angles = [[record.true_angles for record in rounds] for rounds in runs]
+    assert angles[0] == angles[1]
+
+
+def test_the_genetic_choices_hold_for_commands_models_and_poses(monkeypatch):
+    config = GeneticConfig(coding="binary", crossover="two-point", elites=3)
+    seen = []
+
+    def recorded(genomes, fitness, config, rng):
+        seen.append((genomes.shape[1], config))
+        return next_generation(genomes, fitness, config, rng)
+
+    for module in (algorithm, genetic):
+        monkeypatch.setattr(module, "next_generation", recorded)
+    eea_of(replace(QUICK, rounds=2, genetic=config)).run()
+    assert set(seen) == {(bits, config) for bits in (18, 45, 24)}
+
+
+def test_random_initial_angles_while_exploring_are_shared_by_all_models():
+    seen = []
+
+    class Watched(FakeSimulator):
+        def simulate(self, trials):
+            seen.append(trials)
+            return super().simulate(trials)
+
+    exploration = ExplorationConfig(8, 1, initial_angles="random")
+    estimation = EstimationConfig(population=10, generations=1)
+    config = replace(QUICK, condition="none", exploration=exploration, estimation=estimation)
+    EEA(FakeTarget(), Watched(), PROBLEM, config).run()
+    explored = [trials.angles for trials in seen if len(trials) == 8 * 10]
+    poses = [np.unique(angles, axis=0) for angles in explored]
+    assert [len(pose) for pose in poses] == [1, 1]  # in each of rounds 2 and 3
+    assert not np.array_equal(poses[0], poses[1])
+    assert poses[0].any()
 
 
 def test_conditions_share_hidden_angles_and_first_command():
@@ -228,6 +291,21 @@ def test_conditions_have_settings_by_name():
             {"out_of_band": OutOfBandConfig(sampled_models=26)},
             "out_of_band.sampled_models must be at most estimation.population, 25; got 26",
         ),
+        (
+            {"condition": "in-band", "in_band": InBandConfig(best=26)},
+            "in_band.best must be at most estimation.population, 25; got 26",
+        ),
+        (
+            {"condition": "none", "genetic": GeneticConfig(elites=25)},
+            "genetic.elites must be at most exploration.population - 1, 24; got 25",
+        ),
+        (
+            {
+                "out_of_band": OutOfBandConfig(inner_population=4),
+                "genetic": GeneticConfig(elites=4),
+            },
+            "genetic.elites must be at most out_of_band.inner_population - 1, 3; got 4",
+        ),
     ],
 )
 def test_bad_paper_settings_are_refused(settings, message):
@@ -235,9 +313,31 @@ def test_bad_paper_settings_are_refused(settings, message):
         PaperConfig(**settings)
 
 
-def test_settings_of_a_phase_are_checked_where_they_are_made():
-    with pytest.raises(ConfigurationError, match=r"^out_of_band.sampled_models must be a whole"):
-        OutOfBandConfig(sampled_models=0)
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        (OutOfBandConfig, {"sampled_models": 0}, r"^out_of_band.sampled_models must be a whole"),
+        (InBandConfig, {"best": 0}, r"^in_band.best must be a whole number of at least 1"),
+        (InBandConfig, {"confidence": 1.5}, r"^in_band.confidence must be .* in \[0, 1\]"),
+        (InBandConfig, {"extension": -0.1}, r"^in_band.extension must be .* in \[0, 1\]"),
+        (InBandConfig, {"dynamic_split": 1}, r"^in_band.dynamic_split must be True or False"),
+        (GeneticConfig, {"coding": "grey"}, r"^genetic.coding .* did you mean 'gray'"),
+        (GeneticConfig, {"crossover": "two_point"}, r"^genetic.crossover .* mean 'two-point'"),
+        (GeneticConfig, {"crossover_rate": 2}, r"^genetic.crossover_rate must be .* in \[0, 1\]"),
+        (GeneticConfig, {"mutations": -1.0}, r"^genetic.mutations must be a finite number"),
+        (GeneticConfig, {"elites": -1}, r"^genetic.elites must be a whole number of at least 0"),
+        (ExplorationConfig, {"initial_angles": "none"}, r"^exploration.initial_angles must be one"),
+    ],
+)
+def test_settings_of_a_phase_are_checked_where_they_are_made(kind, settings, message):
+    with pytest.raises(ConfigurationError, match=message):
+        kind(**settings)
+
+
+def test_more_mutations_than_bits_are_refused():
+    config = replace(QUICK, genetic=GeneticConfig(mutations=18.5))
+    with pytest.raises(ConfigurationError, match=r"genetic.mutations must be at most .* bits, 18;"):
+        eea_of(config)
 
 
 @pytest.mark.parametrize(

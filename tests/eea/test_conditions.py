@@ -6,7 +6,7 @@ import pytest
 from eea.core.angles import circular_distance
 from eea.core.behavior import summarize
 from eea.core.conditions import first_context, infer_angles, models_range, opt_ang
-from eea.core.config import OutOfBandConfig
+from eea.core.config import GeneticConfig, InBandConfig, OutOfBandConfig, PaperConfig
 from eea.core.experiment import Context, Experiment, Trials
 from eea.core.model_evaluator import ModelEvaluator
 from fake_fish import STEPS, TRUTH, FakeSimulator
@@ -22,10 +22,10 @@ def experiment(context=None):
 
 def test_first_contexts():
     for condition, pose in (("none", np.zeros(3)), ("ideal", POSE)):
-        context = first_context(condition, 3, POSE)
+        context = first_context(PaperConfig(condition=condition), 3, POSE)
         assert context.fixed
         assert np.array_equal(context.min_angle, pose)
-    context = first_context("in-band", 3, POSE)
+    context = first_context(PaperConfig(condition="in-band"), 3, POSE)
     assert context.confidence == 0.5
     assert np.allclose(context.max_angle - context.min_angle, 2 * np.pi)
 
@@ -36,10 +36,33 @@ ANGLES = np.tile(np.array([0.0, 3.0, -3.0, 3.1, 1.0])[:, None], 3)
 
 
 def test_in_band_takes_the_range_of_the_three_models_that_fit_the_newest_experiment_best():
-    context = models_range(ANGLES, SIMILARITIES)
+    context = models_range(ANGLES, SIMILARITIES, InBandConfig())
     assert context.min_angle == pytest.approx([3.0] * 3)
     assert context.max_angle == pytest.approx([2 * np.pi - 3.0] * 3)
     assert context.confidence == 0.5
+
+
+# What each choice makes of the same models: the low end, the high end and the confidence.
+@pytest.mark.parametrize(
+    ("config", "progress", "low", "high", "confidence"),
+    [
+        (InBandConfig(best=1), 0.0, -3.0, -3.0, 0.5),
+        (InBandConfig(best=2), 0.0, 3.0, 2 * np.pi - 3.0, 0.5),
+        (InBandConfig(best=4), 0.0, 1.0, 2 * np.pi - 3.0, 0.5),
+        (InBandConfig(confidence=0.75), 0.0, 3.0, 2 * np.pi - 3.0, 0.75),
+        (InBandConfig(best=4, extension=0.1), 0.0, 1.0 - 0.2283185, 3.5115037 - 2 * np.pi, 0.5),
+        (InBandConfig(dynamic_split=True), 0.25, 3.0, 2 * np.pi - 3.0, 0.75),
+        (InBandConfig(dynamic_split=True, confidence=0.2), 0.5, 3.0, 2 * np.pi - 3.0, 1.0),
+        (InBandConfig(dynamic_split=True), 0.9, 3.0, 2 * np.pi - 3.0, 1.0),
+    ],
+)
+def test_in_bands_choices_set_the_range_and_the_share_of_random_models(
+    config, progress, low, high, confidence
+):
+    context = models_range(ANGLES, SIMILARITIES, config, progress)
+    assert circular_distance(context.min_angle, low) == pytest.approx([0.0] * 3, abs=1e-6)
+    assert circular_distance(context.max_angle, high) == pytest.approx([0.0] * 3, abs=1e-6)
+    assert context.confidence == confidence
 
 
 def evaluated():
@@ -49,7 +72,9 @@ def evaluated():
 
 def test_opt_ang_finds_the_pose_if_the_models_are_right():
     evaluator, rng = evaluated()[0], np.random.default_rng(0)
-    pose = opt_ang(np.tile(TRUTH, (4, 1)), experiment(), evaluator, OutOfBandConfig(), rng)
+    pose = opt_ang(
+        np.tile(TRUTH, (4, 1)), experiment(), evaluator, OutOfBandConfig(), GeneticConfig(), rng
+    )
     assert circular_distance(pose, POSE).max() < 0.15
 
 
@@ -58,7 +83,7 @@ def test_population_and_sample_bound_the_trials():
         evaluator, simulator = evaluated()
         config = OutOfBandConfig(inner_population=7, inner_generations=1, sampled_models=judges)
         bodies, rng = np.tile(TRUTH, (9, 1)), np.random.default_rng(0)
-        opt_ang(bodies, experiment(), evaluator, config, rng)
+        opt_ang(bodies, experiment(), evaluator, config, GeneticConfig(), rng)
         assert simulator.sizes == [7 * count]
 
 
@@ -67,7 +92,7 @@ def test_revisit_updates_earlier_experiments():
     for revisit in (0, 1):
         both, rng = (experiment(wrong), experiment()), np.random.default_rng(0)
         config = OutOfBandConfig(revisit=revisit)
-        old, newest = infer_angles(both, TRUTH[None], evaluated()[0], config, rng)
+        old, newest = infer_angles(both, TRUTH[None], evaluated()[0], config, GeneticConfig(), rng)
         moved = circular_distance(old.context.min_angle, POSE).max() < 0.3
         assert moved == bool(revisit)
         assert newest.context.fixed

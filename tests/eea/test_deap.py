@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from eea.core.config import GeneticConfig
 from eea.core.genetic import next_generation
 from eea.core.genome import model_layout
 
@@ -129,7 +130,7 @@ def ours(problem: str) -> Curves:
         genomes = rng.integers(0, 2, (POPULATION, BITS), dtype=np.uint8)
         history = [fitness(genomes)]
         while len(history) < GENERATIONS:
-            genomes = next_generation(genomes, history[-1], rng)
+            genomes = next_generation(genomes, history[-1], GeneticConfig(), rng)
             history.append(fitness(genomes))
         histories.append(history)
     return curves(histories)

@@ -24,11 +24,21 @@ VARIABLES = st.lists(
 )
 
 
-@given(VARIABLES, st.integers(0, 2**32 - 1))
-def test_encoding_undoes_decoding(variables, seed):
-    layout = BitLayout(variables)
+@given(VARIABLES, st.sampled_from(["gray", "binary"]), st.integers(0, 2**32 - 1))
+def test_encoding_undoes_decoding(variables, coding, seed):
+    layout = BitLayout(variables).with_coding(coding)
     genomes = layout.random(20, np.random.default_rng(seed))
     assert np.array_equal(layout.encode(layout.decode(genomes)), genomes)
+
+
+def test_binary_code_is_place_values_and_gray_code_changes_one_bit_a_step():
+    layout = BitLayout([Variable("v", 3, 0.0, 7.0)])
+    values = np.arange(8.0)[:, None]
+    binary = layout.with_coding("binary").encode(values)
+    assert np.array_equal(binary @ [4, 2, 1], values[:, 0])
+    assert (np.abs(np.diff(layout.encode(values).astype(int), axis=0)).sum(axis=1) == 1).all()
+    with pytest.raises(ConfigurationError, match=r"coding .* did you mean 'gray'"):
+        layout.with_coding("grey")
 
 
 @given(VARIABLES, st.integers(0, 2**32 - 1))

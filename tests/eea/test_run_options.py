@@ -10,6 +10,7 @@ from eea.__main__ import main
 from eea.cli.run import Run
 from eea.cli.study import StudyCommand
 from eea.core.checks import ConfigurationError
+from eea.core.config import GeneticConfig, InBandConfig
 from quick_run import QUICK
 
 
@@ -21,6 +22,12 @@ from quick_run import QUICK
         (["--condition", "joint"], "exploration.population is for the condition ideal or none"),
         (["--joint.bodies", "96"], "joint.bodies is for the condition joint; got none"),
         (["--out-of-band.revisit", "0"], "out_of_band.revisit is for the condition out-of-band"),
+        (["--in-band.best", "3"], "in_band.best is for the condition in-band; got none"),
+        (["--in-band.k", "5"], "unknown option --in-band.k"),
+        (
+            ["--genetic.elite", "3"],
+            "unknown option --genetic.elite; did you mean --genetic.elites?",
+        ),
         (["--condition", "recovery", "--paper"], "--paper must not be given"),
         (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
         (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
@@ -61,6 +68,25 @@ def test_a_value_equal_to_a_default_counts_as_given(words, changes):
     command = parse(Run, "run", ["--out", "out", "--condition", "recovery", *words])
     config = command.config()
     assert {name: getattr(config.out_of_band, name) for name in changes} == changes
+
+
+def test_the_papers_choices_are_options_of_run_and_study():
+    words = [
+        *("--out", "out", "--in-band.best", "5", "--in-band.confidence", "0.75"),
+        *("--in-band.dynamic-split", "--in-band.extension", "0.2"),
+        *("--genetic.coding", "binary", "--genetic.crossover", "two-point"),
+        *("--genetic.crossover-rate", "0.5", "--genetic.mutations", "2.5", "--genetic.elites", "3"),
+        *("--exploration.initial-angles", "random"),
+    ]
+    run = parse(Run, "run", [*words, "--condition", "in-band"]).config()
+    study = parse(StudyCommand, "study", [*words, "--figure", "5", "7"]).study()
+    in_band = InBandConfig(best=5, confidence=0.75, dynamic_split=True, extension=0.2)
+    genetic = GeneticConfig("binary", "two-point", 0.5, 2.5, 3)
+    for config in (run, study.arms["in-band"]):
+        assert config.in_band == in_band
+        assert (config.genetic, config.exploration.initial_angles) == (genetic, "random")
+    assert study.arms["ideal"].genetic == genetic
+    assert study.arms["ideal"].in_band == InBandConfig()  # it has no range
 
 
 def test_a_preset_leaves_what_was_given_at_its_default():

@@ -171,6 +171,11 @@ REFUSED = [
     (["--figure", "5", "--steps", "64", "64"], "steps must differ from each other"),
     (["--figure", "5", "--replicates", "1" + 400 * "0"], "replicates must be .* at most 10000"),
     (["--figure", "5", "--workers", "0"], "workers must be a whole number"),
+    (["--figure", "5", "9", "--in-band.best", "5"], "in_band.best is for the condition in-band"),
+    (
+        ["--figure", "7", "--preset", "smoke", "--in-band.best", "7"],
+        "in_band.best must be at most estimation.population, 6; got 7",
+    ),
     (
         ["--figure", "5", "--out-of-band.period", "4"],
         "out_of_band.period is for the condition out-of-band",

@@ -32,7 +32,13 @@ from eea import (
     recovery_config,
     streams,
 )
-from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
+from eea.core.config import (
+    EstimationConfig,
+    ExplorationConfig,
+    GeneticConfig,
+    InBandConfig,
+    OutOfBandConfig,
+)
 from eea.joint.inference import fit
 from eea.joint.observed import Observed
 from eea.joint.problem import Discrepancy, Part, Prior
@@ -99,8 +105,21 @@ ROWS = [
         {"models": LAYOUT, "actions": LAYOUT, "hidden": ("angle",), "axes": 1, "fastest": 9.0},
         options(fastest="fraction, infinity, big"),
     ),
-    Call(ExplorationConfig, {"population": 2, "generations": 1}),
+    Call(ExplorationConfig, {"population": 2, "generations": 1, "initial_angles": "zero"}),
     Call(EstimationConfig, {"population": 2, "generations": 1}),
+    Call(
+        GeneticConfig,
+        {
+            "coding": "gray", "crossover": "uniform", "crossover_rate": 0.5, "mutations": 1.0,
+            "elites": 1,
+        },
+        options(crossover_rate="fraction", mutations="fraction, big"),
+    ),
+    Call(
+        InBandConfig,
+        {"best": 1, "confidence": 0.5, "dynamic_split": False, "extension": 0.0},
+        options(confidence="fraction", dynamic_split="true", extension="fraction"),
+    ),
     Call(
         OutOfBandConfig,
         {
@@ -113,7 +132,8 @@ ROWS = [
         PaperConfig,
         {
             "condition": "ideal", "steps": 64, "rounds": 1, "exploration": ExplorationConfig(),
-            "estimation": EstimationConfig(), "out_of_band": OutOfBandConfig(),
+            "estimation": EstimationConfig(), "genetic": GeneticConfig(),
+            "in_band": InBandConfig(), "out_of_band": OutOfBandConfig(),
         },
     ),
     Call(FitConfig, SETTINGS, options(**NOISE), {"bodies": "bodies"}),
