@@ -39,7 +39,7 @@ def do_table(
     """
     folder = ensure_writable_directory(out)
     with lock(folder):
-        write_manifest(folder, kind, settings, ("table.md", *pictures))
+        write_manifest(folder, kind, settings, ("table.md", *pictures), work)
         failures = run_jobs(jobs, work, folder, count=workers, scheduler=scheduler, warm_up=warm_up)
         exit_if_failed(failures)
         rows = tabulate([read_result(folder, job) or {} for job in jobs])

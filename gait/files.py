@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -28,14 +28,16 @@ def run_folder(
     settings: Mapping[str, Any],
     outputs: Iterable[str],
     bodies: NDArray[np.float64],
+    work: Callable[..., Any] | None = None,
 ) -> Iterator[Path | None]:
     """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
 
-    A sample of bodies (M, 9) is written to ``bodies.json``. InvalidArgumentError if the folder
+    A sample of bodies (M, 9) is written to ``bodies.json``. For the other parameters see
+    ``aquafish_gym.runs.manifest.write_manifest``. InvalidArgumentError if the folder
     cannot be written, is in use, or holds another run.
     """
     place = None if out is None else file_path("out", out)
-    with result_folder(place, kind, settings, outputs) as folder:
+    with result_folder(place, kind, settings, outputs, work) as folder:
         if folder is not None and len(bodies) > 1:
             write_bodies(folder / BODIES_FILE, bodies)
         yield folder

@@ -1,7 +1,8 @@
 """Files that an earlier version wrote are read, or refused by their schema.
 
 ``tests/old_files`` holds what the commands of ``golden.py`` wrote before the packages were
-rearranged. They are never written again: a version with another schema refuses them.
+rearranged. They are not written again: a version with another schema refuses them, and no command
+continues what other code began. (The case study's settings have the names of this version.)
 """
 
 from __future__ import annotations
@@ -19,9 +20,19 @@ from aquafish_gym import Morphology
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.utils.storage import DamagedFileError, read_document
 from eea import load_posterior
+from eea.cli.study import Plot
 from eea.study.results import read_study
 from gait import Controller, swim
-from tests.golden import CMA, RECOVER, aquafish, canonical, eea, gait, without_joint_inference
+from tests.golden import (
+    CMA,
+    RECOVER,
+    SMALL_STUDY,
+    aquafish,
+    canonical,
+    eea,
+    gait,
+    without_joint_inference,
+)
 
 OLD = Path(__file__).parent / "old_files"
 DOCUMENTS = [path for path in sorted(OLD.rglob("*.json")) if '"schema"' in path.read_text()]
@@ -60,19 +71,31 @@ def resumed(run: Callable[[Path], None], name: str, folder: Path) -> Path:
     return out
 
 
-def test_a_finished_search_is_resumed(tmp_path: Path) -> None:
-    out = resumed(gait(*CMA), "evolve", tmp_path)
-    for file in ("checkpoint.json", "controller.json", "history.csv"):
-        assert (out / file).read_bytes() == (OLD / "evolve" / file).read_bytes()
+@pytest.mark.parametrize(
+    ("run", "name"),
+    [
+        (gait(*CMA), "evolve"),
+        (eea("study", "--preset", "smoke"), "study"),
+        (aquafish(*RECOVER), "recovery"),
+    ],
+)
+def test_what_other_code_began_is_not_continued(
+    run: Callable[[Path], None], name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RuntimeError, match=r"other code made|initial_angles None, not 'zero'"):
+        resumed(run, name, tmp_path)
+    files = [path for path in (OLD / name).rglob("*") if path.is_file()]
+    for path in files:
+        assert (tmp_path / name / path.relative_to(OLD / name)).read_bytes() == path.read_bytes()
 
 
-def test_a_finished_study_is_resumed(tmp_path: Path) -> None:
-    out = resumed(eea("study", "--preset", "smoke", "--workers", "1"), "study", tmp_path)
+def test_a_finished_study_is_drawn_again(tmp_path: Path) -> None:
+    out = resumed(lambda folder: Plot(folder).execute(), "study", tmp_path)
     assert (out / "results.csv").read_text() == (OLD / "study/results.csv").read_text()
 
 
 def test_a_finished_recovery_is_reported_again(tmp_path: Path) -> None:
-    out = resumed(aquafish(*RECOVER), "recovery", tmp_path)
+    out = resumed(aquafish("recover", *SMALL_STUDY, "--redraw"), "recovery", tmp_path)
     before, after = (without_joint_inference(each) for each in (OLD / "recovery", out))
     assert canonical(after) == canonical(before)
 

@@ -32,7 +32,7 @@ from aquafish_gym.runs.command_line import (
     read_morphology,
 )
 from aquafish_gym.runs.jobs import exit_if_failed, finished, read_result, run_jobs
-from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
+from aquafish_gym.runs.manifest import check_manifest, lock, read_manifest, write_manifest
 from aquafish_gym.runs.markdown import shown_format
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
@@ -133,8 +133,10 @@ class CaseStudy(Given):
             read_outcomes(self.out, jobs)  # names the first that is missing
         folder, settings = ensure_writable_directory(self.out), _settings(jobs)
         with lock(folder):
-            write_manifest(folder, "a case study", settings, (REPORT,))
-            if not self.redraw:
+            if self.redraw:
+                check_manifest(folder, "a case study", settings, (REPORT,))
+            else:
+                write_manifest(folder, "a case study", settings, (REPORT,), treat)
                 failures = run_jobs(
                     jobs, treat, folder, count=self.workers, scheduler=self.scheduler,
                     warm_up=warm_up_treatments, describe=_distances,

@@ -1,20 +1,18 @@
-"""Workers of a dask cluster with the same sources and versions as this process."""
+"""Workers of a dask cluster with the same code and versions as this process."""
 
 from __future__ import annotations
 
 import asyncio
 import functools
-import hashlib
 import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Any
 
+from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.manifest import versions
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
@@ -24,33 +22,18 @@ from aquafish_gym.utils.validation import (
 )
 
 ANSWER_SECONDS = 20.0  # limit for a scheduler to answer, and for workers to appear or to return
-PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 
 
-class OtherSourcesError(RuntimeError):
-    """A worker has other sources or versions than the sender of its jobs."""
+class OtherCodeError(RuntimeError):
+    """A worker has other code or versions than the sender of its jobs."""
 
 
 @functools.cache
-def computing() -> dict[str, str]:
-    """Return the versions and a digest of the sources, which determine results."""
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        for name, content in _sources(files(package), package):
-            digest.update(name.encode() + b"\0" + content)
+def computing(work: Callable[..., Any] | None) -> dict[str, str]:
+    """Return the versions, and the hash of a function's code, which determine its results."""
     found = versions()
     found["python"] = ".".join(found["python"].split(".")[:2])
-    return {**found, "sources": digest.hexdigest()[:16]}
-
-
-def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents of a package's source files, in order."""
-    for entry in sorted(folder.iterdir(), key=lambda each: each.name):
-        path = f"{name}/{entry.name}"
-        if entry.is_dir() and entry.name != "__pycache__":
-            yield from _sources(entry, path)
-        elif entry.name.endswith((".py", ".json", ".ini", ".c", ".h")):
-            yield path, entry.read_bytes()
+    return found if work is None else {**found, "code": code_hash(work)}
 
 
 def difference(there: dict[str, str], here: dict[str, str]) -> str:
@@ -61,24 +44,27 @@ def difference(there: dict[str, str], here: dict[str, str]) -> str:
     return ""
 
 
-def run_alike(here: dict[str, str], function: Callable[..., Any], *args: Any) -> Any:
-    """Run a function, or raise OtherSourcesError on a worker that differs from the sender."""
-    if found := difference(computing(), here):
-        raise OtherSourcesError(f"the worker is another: {found}")
+def run_alike(
+    here: dict[str, str], work: Callable[..., Any] | None, function: Callable[..., Any], *args: Any
+) -> Any:
+    """Run a function, or raise OtherCodeError on a worker that differs from the sender."""
+    if found := difference(computing(work), here):
+        raise OtherCodeError(f"the worker is another: {found}")
     return function(*args)
 
 
 class _Cluster:
     """The workers of a connected client; see ``workers.Workers``."""
 
-    def __init__(self, client: Any, executor: Executor) -> None:
+    def __init__(self, client: Any, executor: Executor, work: Callable[..., Any] | None) -> None:
+        self._work = work
         self._client = client
         self._executor = executor
         self._beats: dict[str, float] = {}
         self._answered = time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
-        return self._executor.submit(run_alike, computing(), fn, *args)
+        return self._executor.submit(run_alike, computing(self._work), self._work, fn, *args)
 
     def check(self, say: Callable[[str], None]) -> None:  # noqa: ARG002
         """Raise OSError if no worker has answered for ``ANSWER_SECONDS``."""
@@ -97,14 +83,14 @@ class _Cluster:
 
 
 @contextmanager
-def cluster_at(address: str) -> Iterator[_Cluster]:
-    """Yield the workers of the dask scheduler at an address.
+def cluster_at(address: str, work: Callable[..., Any] | None) -> Iterator[_Cluster]:
+    """Yield the workers of the dask scheduler at an address, for jobs that ``work`` does.
 
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
         If the scheduler does not answer within ``ANSWER_SECONDS``, has no workers or workers with
-        other sources, or dask is not installed.
+        other code, or dask is not installed.
     """
     try:
         from distributed import Client, rpc
@@ -125,7 +111,7 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
     def connect() -> Any:
         asyncio.run(asyncio.wait_for(ask(), ANSWER_SECONDS))
         client: Any = Client(address, timeout=ANSWER_SECONDS, set_as_default=False)
-        return client, client.run(computing, on_error="return")
+        return client, client.run(computing, work, on_error="return")
 
     try:
         client, found = _within(connect, ANSWER_SECONDS + 5.0)
@@ -135,13 +121,14 @@ def cluster_at(address: str) -> Iterator[_Cluster]:
         ) from None
     try:
         for name, there in found.items():
-            words = brief(there) if isinstance(there, Exception) else difference(there, computing())
+            failed = isinstance(there, Exception)
+            words = brief(there) if failed else difference(there, computing(work))
             if words:
                 raise InvalidArgumentError(
-                    f"scheduler: the worker {name} must have the sources and versions of this "
+                    f"scheduler: the worker {name} must have the code and versions of this "
                     f"command: {words}"
                 )
-        yield _Cluster(client, client.get_executor(pure=False))
+        yield _Cluster(client, client.get_executor(pure=False), work)
     finally:
         with suppress(Exception):  # a lost cluster cannot be closed in order
             _within(client.close, 5.0)

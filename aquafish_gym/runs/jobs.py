@@ -99,7 +99,7 @@ def run_jobs(
             print(f"damaged: {folder / job.file}; {job.name} runs again", file=sys.stderr)
 
     def run_left(report: Report) -> None:
-        with workers(count, scheduler) as executor:
+        with workers(count, scheduler, work) as executor:
             warm_up(list(left))
             futures = {executor.submit(run_job, work, job): job for job in left}
             for future in _as_completed(futures, executor, partial(report, ended=0)):

@@ -1,14 +1,15 @@
 """Folders of results: a lock for one command at a time, and a manifest of its settings.
 
 The manifest, ``settings.json``, has the kind of results and the settings that determine them. A
-command with other settings is refused.
+command with other settings is refused. A command that continues what it finds also writes the hash
+of its code there, and is refused in a folder of other code.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 
 from filelock import lock_descriptor
 
+from aquafish_gym.runs.code import code_hash
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
@@ -96,7 +98,11 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def write_manifest(
-    folder: Path, kind: str, settings: Mapping[str, Any], outputs: Iterable[str] = ()
+    folder: Path,
+    kind: str,
+    settings: Mapping[str, Any],
+    outputs: Iterable[str] = (),
+    work: Callable[..., Any] | None = None,
 ) -> None:
     """Write the manifest of a locked folder, or refuse one that holds something else.
 
@@ -108,42 +114,63 @@ def write_manifest(
         Settings that determine the results, ready for JSON.
     outputs
         Files that the command will write. They must not exist without a manifest.
+    work
+        Function that computes the results of a command that continues what the folder holds; the
+        manifest has the hash of its code. None for a command that starts again.
 
     Raises
     ------
     InvalidArgumentError
-        If a setting differs; the message names the first. Nothing is written then.
+        If a setting differs, or the code of ``work``; the message names the first difference.
+        Nothing is written then.
     """
+    before = check_manifest(folder, kind, settings, outputs)
+    document: dict[str, Any] = {"kind": kind, "settings": settings, "versions": versions()}
+    if work is not None:
+        document["code"] = code_hash(work)
+        if before is not None:
+            refuse_other_code(folder, kind, before.get("code"), document["code"])
+            return
+    write_document(folder / SETTINGS, document, FOLDER_SCHEMA)
+
+
+def check_manifest(
+    folder: Path, kind: str, settings: Mapping[str, Any], outputs: Iterable[str] = ()
+) -> dict[str, Any] | None:
+    """Return a folder's manifest, None without one; parameters and errors of ``write_manifest``."""
     before = read_manifest(folder)
-    asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))
     rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
         # A study's manifest is study.json, which can be extended.
         found = [n for n in dict.fromkeys(("study.json", *outputs)) if (folder / n).exists()]
         if found:
             raise InvalidArgumentError(f"{rule} {' and '.join(found)} but no {SETTINGS}")
-        document = {"kind": kind, "settings": asked, "versions": versions()}
-        write_document(folder / SETTINGS, document, FOLDER_SCHEMA)
-        return
+        return None
     if before["kind"] != kind:
         raise InvalidArgumentError(f"{rule} {before['kind']}")
-    refuse_difference(folder, kind, before["settings"], asked)
+    refuse_difference(folder, kind, before["settings"], json.loads(json.dumps(dict(settings))))
+    return before
 
 
 @contextmanager
 def result_folder(
-    out: Path | str | None, kind: str, settings: Mapping[str, Any], outputs: Iterable[str]
+    out: Path | str | None,
+    kind: str,
+    settings: Mapping[str, Any],
+    outputs: Iterable[str],
+    work: Callable[..., Any] | None = None,
 ) -> Iterator[Path | None]:
     """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
 
-    InvalidArgumentError if the folder cannot be written, is in use, or holds another run.
+    For the parameters see ``write_manifest``. InvalidArgumentError if the folder cannot be
+    written, is in use, or holds another run.
     """
     if out is None:
         yield None
         return
     folder = ensure_writable_directory(out)
     with lock(folder):
-        write_manifest(folder, kind, settings, outputs)
+        write_manifest(folder, kind, settings, outputs, work)
         yield folder
 
 
@@ -160,6 +187,15 @@ def refuse_difference(
                 f"out: {folder} holds {kind} with {name} {brief(there.get(name))}, not "
                 f"{brief(here.get(name))}; choose another folder"
             )
+
+
+def refuse_other_code(folder: Path, kind: str, held: str | None, here: str) -> None:
+    """Raise InvalidArgumentError if results of other code would continue those in a folder."""
+    if held != here:
+        raise InvalidArgumentError(
+            f"out: {folder} holds {kind} that other code made (hash {held or 'missing'}, here "
+            f"{here}); choose another folder, or continue with the version that made it"
+        )
 
 
 def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

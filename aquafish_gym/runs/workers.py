@@ -63,25 +63,29 @@ class Workers(Protocol):
 
 
 @contextmanager
-def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
+def workers(
+    count: int | None = None,
+    scheduler: str | None = None,
+    work: Callable[..., Any] | None = None,
+) -> Iterator[Workers]:
     """Yield workers, whose processes are killed if the block ends by an error or Ctrl-C.
 
     The workers are ``count`` processes of this machine, by default one for each core that this
     process may use, or the workers of a dask scheduler at an address such as ``tcp://host:8786``.
-    A cluster's workers need the same sources and versions of this package, but no shared file
-    system.
+    A cluster's workers need the same versions of the libraries, and the same code of ``work``, the
+    function that does the jobs; they need no shared file system.
 
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
-        If the scheduler does not answer, has no workers or workers with other sources, or dask is
+        If the scheduler does not answer, has no workers or workers with other code, or dask is
         not installed.
     """
     check_workers(count, scheduler)
     if scheduler is not None:
         from aquafish_gym.runs.cluster import cluster_at
 
-        with cluster_at(scheduler) as cluster:
+        with cluster_at(scheduler, work) as cluster:
             yield cluster
         return
     pool = _Pool(count or available_cores())

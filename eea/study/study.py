@@ -2,7 +2,7 @@
 
 ``study.json`` describes the plan: every arm with all its settings, the target and the simulator,
 and the span of seeds of each arm at each length of trial. It also records the versions of the
-packages that made results.
+packages that made results, and the hash of their code.
 """
 
 from __future__ import annotations
@@ -15,18 +15,25 @@ from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.manifest import read_manifest, refuse_difference, versions
+from aquafish_gym.runs.code import code_hash
+from aquafish_gym.runs.manifest import (
+    read_manifest,
+    refuse_difference,
+    refuse_other_code,
+    versions,
+)
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config
-from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld
+from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld, replicate
 
 STUDY_FILE = "study.json"
 STUDY_SCHEMA = "eea.study/1"
 # Settings of the study, not of an arm.
 _NOT_AN_ARMS = ("steps", "rounds")
-_GROWING = ("replicates", "versions", "source", "arms")  # an extension may change these
+# An extension may change these; the code has a check of its own.
+_GROWING = ("replicates", "versions", "arms", "code")
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
 
@@ -91,6 +98,7 @@ class Study:
                 for name, config in self.arms.items()
             },
             "versions": [versions()],
+            "code": code_hash(replicate),
         }
 
 
@@ -138,8 +146,8 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
     Raises
     ------
     InvalidArgumentError
-        If the folder holds something else or a study with other settings; the message names the
-        first difference.
+        If the folder holds something else or a study with other settings or of other code; the
+        message names the first difference.
     """
     asked: dict[str, Any] = json.loads(json.dumps(study.to_dict()))
     if not (folder / STUDY_FILE).exists():
@@ -159,6 +167,7 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
         for document in (held, asked)
     )
     refuse_difference(folder, "a study", before, now)
+    refuse_other_code(folder, "a study", held.get("code"), asked["code"])
     replicates = {arm: dict(seeds) for arm, seeds in held["replicates"].items()}
     for arm, durations in asked["replicates"].items():
         own = replicates.setdefault(arm, {})

@@ -111,7 +111,8 @@ class Training:
         folder = ensure_writable_directory(self.out / self.name)
         checkpoint = folder / CHECKPOINT
         with lock(folder):
-            write_manifest(folder, "a training", {"name": self.name, **asdict(plan)})
+            settings = {"name": self.name, **asdict(plan)}
+            write_manifest(folder, "a training", settings, work=module.learn_round)
             state: State = {"learned": self.first(), "curve": [], "seconds": 0.0}
             if checkpoint.exists():
                 state = torch.load(checkpoint, weights_only=True)

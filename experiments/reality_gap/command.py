@@ -141,7 +141,7 @@ class Gap:
         folder = ensure_writable_directory(self.out)
         with lock(folder):
             settings = jobs[0].settings
-            write_manifest(folder, KIND, settings.to_dict(), ("runs", REPORT))
+            write_manifest(folder, KIND, settings.to_dict(), ("runs", REPORT), run_job)
             failures = run_jobs(jobs, run_job, folder, count=self.workers, warm_up=warm_up)
             publish(folder, settings, self.format)
             exit_if_failed(failures)

@@ -154,7 +154,7 @@ def evolve_gait(
     InvalidArgumentError
         If an argument does not fit, a sample has no ``poses``, ``world`` or ``start`` is given with
         another task, ``config`` sets what ``first`` has of its own, or ``out`` cannot be written,
-        is in use, or holds another run or a damaged checkpoint.
+        is in use, or holds another run, a run of other code or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = check_world(world)
@@ -181,7 +181,7 @@ def evolve_gait(
     trials = _Trials(bodies, config, world, state)
     search = make_search(config, body, first)
     run = History(sample)
-    with run_folder(out, "a gait", settings, FILES, bodies) as folder:
+    with run_folder(out, "a gait", settings, FILES, bodies, evolve_gait) as folder:
         recorded = read_checkpoint(folder, plan) if folder else []
         saved = -np.inf
         try:

@@ -80,7 +80,7 @@ class Inference:
             raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
         folder = ensure_writable_directory(self.out, "out")
         with lock(folder):
-            write_manifest(folder, "a measurement of inference", {"seed": self.seed})
+            write_manifest(folder, "a measurement of inference", {"seed": self.seed}, work=measure)
             self._work([case for some in cases.values() for case in some], folder)
             report = {
                 "seed": self.seed,

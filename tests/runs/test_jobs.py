@@ -269,31 +269,40 @@ def dask_cluster():
         yield made
 
 
-def test_a_cluster_of_other_sources_or_versions_is_refused(dask_cluster, monkeypatch):
+def test_a_cluster_of_other_code_or_versions_is_refused(dask_cluster, monkeypatch):
     address = dask_cluster.scheduler_address
     monkeypatch.setattr(cluster, "difference", lambda *_: "numpy 1.0 there, 2.0 here")
     with (
-        pytest.raises(InvalidArgumentError, match=r"the sources and versions of this .*numpy 1\.0"),
+        pytest.raises(InvalidArgumentError, match=r"the code and versions of this .*numpy 1\.0"),
         workers(scheduler=address),
     ):
         pass
     monkeypatch.undo()
-    other = {**cluster.computing(), "sources": "0123456789abcdef"}
-    with pytest.raises(cluster.OtherSourcesError, match=r"sources .* there, 0123456789abcdef here"):
-        cluster.run_alike(other, divmod, 7, 2)
+    other = {**cluster.computing(work), "code": "0123456789abcdef"}
+    with pytest.raises(cluster.OtherCodeError, match=r"code .* there, 0123456789abcdef here"):
+        cluster.run_alike(other, work, divmod, 7, 2)
 
 
-def test_sources_and_versions_are_told_apart(monkeypatch, tmp_path):
-    here = cluster.computing()
+def test_a_cluster_of_other_code_does_no_job(dask_cluster, monkeypatch, tmp_path):
+    address = dask_cluster.scheduler_address
+    asked = []
+
+    def answer(function):
+        asked.append(function)
+        return str(len(asked))  # the worker and the command differ
+
+    monkeypatch.setattr(cluster, "code_hash", answer)
+    monkeypatch.setattr(cluster, "computing", cluster.computing.__wrapped__)
+    with pytest.raises(InvalidArgumentError, match=r"must have the code .*: code 1 there, 2 here"):
+        run_jobs(JOBS, work, tmp_path, scheduler=address)
+    assert asked[0] is work
+    assert not list(tmp_path.iterdir())
+
+
+def test_versions_are_told_apart():
+    here = cluster.computing(None)
     assert cluster.difference(here, dict(here)) == ""
     assert "numpy None there" in cluster.difference({**here, "numpy": None}, here)
-    (tmp_path / "module.py").write_text("x = 1")
-    monkeypatch.setattr(cluster, "files", lambda _: tmp_path)
-    digests = set()
-    for source in ("x = 1", "x = 2"):
-        (tmp_path / "module.py").write_text(source)
-        digests.add(cluster.computing.__wrapped__()["sources"])
-    assert len(digests) == 2
 
 
 def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monkeypatch, tmp_path):

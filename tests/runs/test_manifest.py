@@ -9,7 +9,14 @@ import re
 import pytest
 
 from aquafish_gym.runs import manifest
-from aquafish_gym.runs.manifest import LOCK, lock, read_manifest, write_manifest
+from aquafish_gym.runs.manifest import (
+    LOCK,
+    check_manifest,
+    lock,
+    read_manifest,
+    versions,
+    write_manifest,
+)
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -90,10 +97,20 @@ def test_the_first_difference_is_named_and_nothing_changes(tmp_path, kind, setti
     assert (tmp_path / "settings.json").read_bytes() == before
 
 
-def test_manifests_of_version_0_1_are_read(tmp_path):
-    old = {"kind": "a study", "settings": SETTINGS, "code": [{}]}
+def test_a_command_that_starts_again_says_with_which_versions(tmp_path):
+    old = {"kind": "a study", "settings": SETTINGS, "versions": {"numpy": "1.0"}}
     write_document(tmp_path / "settings.json", old, "aquafish.folder/1")
     write_manifest(tmp_path, "a study", SETTINGS)
+    assert read_manifest(tmp_path)["versions"] == versions()
+
+
+def test_a_command_that_continues_refuses_results_of_unknown_code(tmp_path):
+    write_manifest(tmp_path, "a study", SETTINGS)
+    before = (tmp_path / "settings.json").read_bytes()
+    with pytest.raises(InvalidArgumentError, match=r"that other code made \(hash missing, here "):
+        write_manifest(tmp_path, "a study", SETTINGS, work=lock)
+    assert (tmp_path / "settings.json").read_bytes() == before
+    check_manifest(tmp_path, "a study", SETTINGS)  # what only draws reads them
 
 
 def test_results_without_a_manifest_are_left_alone(tmp_path):
