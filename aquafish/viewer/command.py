@@ -30,7 +30,7 @@ from gait.controllers.controller import Controller
 class View:
     """Watch robots swim in a browser, and break them in mid-swim. Needs the extra view.
 
-    The page is served at 127.0.0.1 alone, until Ctrl-C, to whoever opens the printed address with
+    The page is served at 127.0.0.1 alone, until Ctrl-C, to those who open the printed address with
     its token. A gait, random actions, a policy or, of one robot, the agent with a self-model
     steers.
     """
