@@ -23,6 +23,7 @@ SMALLER = {
     ),
     "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
     "learn(300_000)": "learn(6_400)",
+    "learn(600_000)": "learn(6_400)",
 }
 PAGES = {
     str(page.relative_to(ROOT)): BLOCK.findall(page.read_text(encoding="utf-8"))
