@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +95,7 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
-    if Path(path).suffix.lower() in _ROBOT_FILES:
+    if isinstance(path, str | os.PathLike) and str(path).lower().endswith(_ROBOT_FILES):
         raise InvalidArgumentError(
             f"{argument} must be a JSON file of bodies; got {path}{OTHER_PLANS}"
         )

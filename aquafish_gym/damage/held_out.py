@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from aquafish_gym.utils.storage import read_packaged
-from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
 
 FILE = "held_out.json"
 SCHEMA = "aquafish_gym.held_out/1"
 
 
-def held_out(name: str, numbers: Iterable[int] | None = None) -> list[str]:
+def held_out(
+    name: str, numbers: Sequence[int] | NDArray[np.integer[Any]] | None = None
+) -> list[str]:
     """Return damages of a list as texts, which no method was developed on.
 
     They stand in a file of the package, and are the same in every version.
@@ -40,9 +46,9 @@ def held_out(name: str, numbers: Iterable[int] | None = None) -> list[str]:
     damages = lists()[one_of("name", name, lists())]
     if numbers is None:
         return list(damages.values())
-    if isinstance(numbers, str) or not isinstance(numbers, Iterable):
+    if isinstance(numbers, str | bytes) or not isinstance(numbers, Sequence | np.ndarray):
         raise InvalidArgumentError(
-            f"numbers must be whole numbers, such as range(100); got {numbers!r}"
+            f"numbers must be a list of whole numbers, such as range(100); got {brief(numbers)}"
         )
     wanted = [integer("numbers", number, 0) for number in numbers]
     for number in wanted:
