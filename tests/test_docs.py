@@ -214,6 +214,20 @@ def test_the_constraints_pin_what_the_project_needs() -> None:
             assert needed.specifier.contains(pinned[needed.name.lower().replace("_", "-")]), needed
 
 
+def test_the_extras_have_what_the_pages_need() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    held = {
+        name: {Requirement(one).name for one in needed}
+        for name, needed in project["optional-dependencies"].items()
+    }
+    assert {"sb3-contrib", "stable-baselines3", "torch"} <= held["rl"]  # as load_extra says
+    assert {"imageio-ffmpeg", "moviepy"} <= held["film"]
+    scores = (ROOT / "docs" / "environments" / "scores.md").read_text(encoding="utf-8")
+    assert 'pip install ".[rl]"  # stable-baselines3, and sb3-contrib' in scores
+    train = (ROOT / "docs" / "howto" / "train.md").read_text(encoding="utf-8")
+    assert re.search(r"RecordVideo.*\n.*moviepy, of the extra `film`", train)
+
+
 def test_the_paper_cites_what_its_bibliography_holds() -> None:
     paper = (ROOT / "paper" / "paper.md").read_text()
     held = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text(), re.MULTILINE)

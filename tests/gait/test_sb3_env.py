@@ -15,6 +15,7 @@ from gymnasium.wrappers import vector as several
 
 from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait import evaluate
 from gait.learning.sb3_infos import RobotInfo, Table
 
 pytest.importorskip("stable_baselines3")
@@ -263,3 +264,20 @@ def test_frames_and_a_video(tmp_path: Path) -> None:
     video.close()
     (film,) = tmp_path.glob("*.mp4")
     assert film.stat().st_size > 1000
+
+
+def test_a_policy_with_a_memory_learns_and_is_scored() -> None:
+    contrib = pytest.importorskip("sb3_contrib")
+    model = contrib.RecurrentPPO(
+        "MlpLstmPolicy", adapted(), n_steps=8, batch_size=8, n_epochs=1, device="cpu", seed=0
+    )
+    model.learn(16)
+    found = evaluate(model, episodes=2, seed=0, **SHORT)
+    envs = batch()
+    seen, _ = envs.reset(seed=0)
+    state, returns = None, np.zeros(2)
+    for step in range(SHORT["max_episode_steps"]):
+        action, state = model.predict(seen, state, np.full(2, step == 0), deterministic=True)
+        seen, reward, *_ = envs.step(action)
+        returns += reward
+    np.testing.assert_allclose(found.returns, returns, rtol=1e-5, atol=1e-6)
