@@ -118,6 +118,19 @@ def test_a_film_tells_how_far_it_is(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert lines[-1] == "100/100  film: 26 of 26 frames"
 
 
+def test_an_mp4_needs_no_folder_for_temporary_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+
+    def none() -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr("tempfile.gettempdir", none)
+    film([straight(1.0)], tmp_path / "new" / "a.mp4", *SIZE, fps=10)
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+
+
 def test_an_mp4_without_its_extra_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(MissingExtraError, match=r'pip install "\.\[film\]" in a clone'):

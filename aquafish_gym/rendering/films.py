@@ -20,7 +20,7 @@ from aquafish_gym.rendering.camera import Camera, CameraView, Frame
 from aquafish_gym.rendering.course import FISH_ROOM, FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.utils.array_types import Floats
-from aquafish_gym.utils.storage import write_bytes
+from aquafish_gym.utils.storage import existing_folder, write_bytes
 from aquafish_gym.utils.validation import (
     MissingExtraError,
     callback,
@@ -64,7 +64,11 @@ def film(
     finite_array("speed", speed, (), 0.01, 100.0)
     finite_array("fps", fps, (), 0.1, 240.0)
     frames = film_frames(swims, width, height, fps, speed, title, progress)
-    write_bytes(path, _encode(frames, fps) if suffix == ".mp4" else _animate(frames, suffix, fps))
+    if suffix == ".mp4":
+        content = _encode(frames, fps, existing_folder(path))
+    else:
+        content = _animate(frames, suffix, fps)
+    write_bytes(path, content)
     return Path(path)
 
 
@@ -171,8 +175,11 @@ def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     return content.getvalue()
 
 
-def _encode(frames: Iterator[Frame], fps: float) -> bytes:
-    """Return a film as .mp4, encoded by ffmpeg of imageio-ffmpeg."""
+def _encode(frames: Iterator[Frame], fps: float, place: Path) -> bytes:
+    """Return a film as .mp4, encoded by ffmpeg of imageio-ffmpeg, which needs a folder in a place.
+
+    The machine may have no folder for temporary files.
+    """
     try:
         import imageio_ffmpeg
     except ImportError as error:
@@ -181,7 +188,7 @@ def _encode(frames: Iterator[Frame], fps: float) -> bytes:
             "or write a .webp or a .gif"
         ) from None
     first = next(frames)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(prefix=".film-", dir=place) as folder:
         path = Path(folder) / "film.mp4"
         writer = imageio_ffmpeg.write_frames(
             str(path), first.shape[1::-1], fps=fps, macro_block_size=2, quality=7,

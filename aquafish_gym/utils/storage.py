@@ -65,9 +65,13 @@ def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
         raise InvalidArgumentError(
             f"{argument} must be a file that can be written; {brief(str(path))}: {_reason(error)}"
         ) from None
-    folder = next(place for place in target.parents if place.exists())
-    ensure_writable_directory(folder, f"the folder of {argument}")
+    ensure_writable_directory(existing_folder(target), f"the folder of {argument}")
     return target
+
+
+def existing_folder(path: str | os.PathLike[str]) -> Path:
+    """Return the nearest folder of a path that exists, in which the others can be created."""
+    return next(place for place in Path(os.path.realpath(path)).parents if place.exists())
 
 
 def _check_replaceable(target: Path) -> None:
