@@ -18,13 +18,21 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+LONGEST_FILE_NAME = 255  # bytes, in almost any file system
+LONGEST_PATH = 4095  # bytes, on Linux
 _MOST_PARTS = 2_000_000  # lists, objects and strings in a JSON text; each takes 70 bytes
 Shape = tuple[int | None, ...]  # None is any length
 _T = TypeVar("_T")
 
 
 class InvalidArgumentError(ValueError):
-    """An argument has the wrong type, shape or range; the message names it."""
+    """An argument has the wrong type, shape or range; the message names it.
+
+    The message may cite a file's name or content: a terminal shows it as it is, see ``printable``.
+    """
+
+    def __init__(self, *message: object) -> None:
+        super().__init__(*(printable(one) if isinstance(one, str) else one for one in message))
 
 
 class UnknownNameError(InvalidArgumentError):
@@ -173,11 +181,18 @@ def sequence(argument: str, value: object) -> Sequence[Any]:
 
 
 def file_path(argument: str, value: object) -> Path:
-    """Return the path of a text or a path that is not empty."""
+    """Return the path of a text or a path that is not empty, nor too long for a file system."""
     if isinstance(value, str | os.PathLike):
         name = os.fspath(value)
         if isinstance(name, str) and name and "\0" not in name:
-            return Path(name)
+            path = Path(name)
+            longest = max([len(part.encode(errors="replace")) for part in path.parts], default=0)
+            if longest > LONGEST_FILE_NAME or len(name.encode(errors="replace")) > LONGEST_PATH:
+                raise InvalidArgumentError(
+                    f"{argument} must be a path of at most {LONGEST_PATH} bytes, and each name in "
+                    f"it of at most {LONGEST_FILE_NAME}; got {brief(name)}, too long"
+                )
+            return path
     raise InvalidArgumentError(f"{argument} must be a path; got {brief(value)}")
 
 
@@ -234,6 +249,22 @@ def _real(value: Any) -> NDArray[np.float64]:
     if raw.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise TypeError("not real numbers")
     return np.array(raw, dtype=np.float64)
+
+
+def printable(text: str) -> str:
+    """Return text with escapes for characters that a terminal obeys instead of showing.
+
+    These are control characters, which may clear lines or set the title, and those that change the
+    direction of writing.
+
+    Examples
+    --------
+    >>> print(printable("gyro\\x1b[2K \\u00b0/s"))
+    gyro\\x1b[2K \u00b0/s
+    """
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def brief(value: Any) -> str:

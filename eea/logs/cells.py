@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import re
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
+from itertools import repeat
 from types import NoneType
 from typing import Any
 
@@ -18,7 +22,12 @@ from eea.logs.streams import Columns
 SECONDS_PER_DAY = 86400.0
 LONGEST_ARRAY = 64  # entries of an array in a row; longer ones are pictures or point clouds
 TIME_FIELDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
-UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d][^\])]*)[\])]$")  # at the end of a name: gyro_x [deg/s]
+#: Encoding of an MCAP's messages -> the library that decodes them.
+DECODERS = {
+    "cdr": "mcap_ros2.decoder",
+    "ros1": "mcap_ros1.decoder",
+    "protobuf": "mcap_protobuf.decoder",
+}
 ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 
 
@@ -48,10 +57,44 @@ def leaves(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
         yield from leaves(entry, f"{name}.{key}" if name else key)
 
 
-def tabulated(rows: Sequence[Mapping[str, float]]) -> Columns:
-    """Return rows as columns, with NaN where a row has no such cell."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+class Table:
+    """Rows of numbers by name, kept as columns; a cell takes 8 bytes.
+
+    Parameters
+    ----------
+    refuse
+        It is called with the numbers of rows and columns after each row that has a new column, and
+        after each 1,000 rows; it raises if they are too many.
+    """
+
+    def __init__(self, refuse: Callable[[int, int], None]) -> None:
+        self._refuse = refuse
+        self._columns: dict[str, array[float]] = {}
+        self._rows = 0
+
+    def append(self, row: Mapping[str, float]) -> None:
+        """Add a row."""
+        before = len(self._columns)
+        for name, value in row.items():
+            column = self._columns.get(name)
+            if column is None:
+                column = self._columns[name] = array("d")
+            _fill(column, self._rows)
+            column.append(value)
+        self._rows += 1
+        if len(self._columns) > before or self._rows % 1000 == 0:
+            self._refuse(self._rows, len(self._columns))
+
+    def columns(self) -> Columns:
+        """Return the columns, with NaN where a row has no such cell."""
+        for column in self._columns.values():
+            _fill(column, self._rows)
+        return {name: np.frombuffer(column) for name, column in self._columns.items()}
+
+
+def _fill(column: array[float], rows: int) -> None:
+    if len(column) < rows:
+        column.extend(repeat(np.nan, rows - len(column)))
 
 
 def named(names: Sequence[str], columns: Sequence[NDArray[Any]], remarks: list[str]) -> Columns:
@@ -72,33 +115,52 @@ def stated_units(names: Sequence[str]) -> dict[str, str]:
     >>> stated_units(["time [\u00b5s]", "gyro_x (\u00b0/s)", "output[0]"])
     {'time [\u00b5s]': 'us', 'gyro_x (\u00b0/s)': 'deg/s'}
     """
-    found = {name: UNIT.search(name) for name in names}
+    found = {name: _split_unit(name)[1] for name in names}
     return {
-        name: match[1].strip().replace("\u00b5", "u").replace("\u00b0", "deg")
-        for name, match in found.items()
-        if match
+        name: unit.replace("\u00b5", "u").replace("\u00b0", "deg")
+        for name, unit in found.items()
+        if unit
     }
 
 
 def without_unit(name: str) -> str:
     """Return a column's name without a unit in brackets."""
-    return UNIT.sub("", name)
+    return _split_unit(name)[0]
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    """Return a name and its unit, which has a letter; no name takes long, as one of brackets."""
+    if not name.endswith(("]", ")")):
+        return name, ""
+    since = 1 + max(name.rfind(mark, 0, -1) for mark in "])")
+    opening = [at for at in (name.find(mark, since) for mark in "[(") if at >= 0]
+    unit = name[min(opening) + 1 : -1] if opening else ""
+    if not any(one.isalpha() or one == "_" for one in unit):
+        return name, ""
+    return name[: min(opening)].rstrip(), unit.strip()
 
 
 def numbers(cells: Sequence[Any]) -> NDArray[Any]:
     """Return cells as numbers, dates as s since 1970, or anything else as it is."""
+    if isinstance(cells, array):
+        return np.array(cells)
     objects = np.array([*cells, None], dtype=object)[:-1]  # of one axis, whatever the cells are
     if any(cell is None for cell in cells):
         return objects
     with contextlib.suppress(ValueError, TypeError):
         return objects.astype(np.float64)
     if hasattr(cells[0], "year") or ISO_DATE.match(str(cells[0])):
-        import pandas as pd
-
         with contextlib.suppress(ValueError, TypeError):
-            dates = pd.to_datetime(list(cells), format="ISO8601", utc=True).as_unit("ns")
-            return np.where(dates.isna(), np.nan, dates.asi8 / 1e9)
+            return seconds(list(cells))
     return objects
+
+
+def seconds(dates: Any) -> NDArray[np.float64]:
+    """Return dates, or texts of dates, as s since 1970; NaN where one is missing."""
+    import pandas as pd
+
+    index = pd.DatetimeIndex(pd.to_datetime(dates, format="ISO8601", utc=True)).as_unit("ns")
+    return np.where(index.isna(), np.nan, index.asi8 / 1e9)
 
 
 def is_clock(columns: Columns, name: str) -> bool:
@@ -112,19 +174,27 @@ def is_clock(columns: Columns, name: str) -> bool:
     return name == "header.stamp" or apart < SECONDS_PER_DAY
 
 
-def decoder(encoding: str, schema: Any, factories: Sequence[Any]) -> Callable[[bytes], Any]:
+def decoder(encoding: str, schema: Any) -> Callable[[bytes], Any]:
     """Return the function that decodes the messages of a channel of an MCAP file.
 
     Raises
     ------
     ValueError
-        If none of the factories knows the encoding.
+        If the messages have another encoding than the known ones, or another kind of schema.
     """
-    found = (factory.decoder_for(encoding, schema) for factory in factories)  # each keeps its own
-    decode = json.loads if encoding == "json" else next(filter(None, found), None)
-    if decode is None:
+    if encoding == "json":
+        return json.loads
+    decode = encoding in DECODERS and _factory(encoding).decoder_for(encoding, schema)
+    if not decode:
         by = f" by {schema.encoding}" if schema else ""
         raise ValueError(
             f"{encoding or 'no encoding'}{by}; cdr by ros2msg, ros1, protobuf and json can"
         )
-    return decode
+    found: Callable[[bytes], Any] = decode
+    return found
+
+
+@functools.cache
+def _factory(encoding: str) -> Any:
+    """Return a library's decoders, which keeps what it has made of each schema."""
+    return import_module(DECODERS[encoding]).DecoderFactory()

@@ -1,8 +1,8 @@
-"""What pymavlink and pyulog do not do by themselves with a damaged file."""
+"""What pymavlink, pyulog and mcap do not do by themselves with a damaged file."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, BinaryIO
 
 BIN_HEADER_BYTES = 3  # of a row
 ULOG_HEADER_BYTES = 16
@@ -69,3 +69,31 @@ def ends_within_message(content: bytes) -> bool:
             raise ValueError(f"no definition at byte {at}")
         at += 3 + size
     return at != len(content)
+
+
+class WholeReads:
+    """A file for mcap, which would take the short part at a cut file's end for a whole one.
+
+    Parameters
+    ----------
+    file
+        The file, at its start.
+    size
+        Its bytes.
+    """
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file = file
+        self._left = size
+
+    def read(self, count: int) -> bytes:
+        """Return ``count`` bytes; EndOfFile is raised if there are fewer, before they take memory.
+
+        ``count`` may be damaged, too.
+        """
+        from mcap.exceptions import EndOfFile
+
+        if not 0 <= count <= self._left:
+            raise EndOfFile
+        self._left -= count
+        return self._file.read(count)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
-from eea.core.angles import Floats
 
 Columns = dict[str, NDArray[Any]]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The one reader of recorders' logs: CSV, Parquet, ArduPilot BIN, PX4 ULog and MCAP.
 
 A file becomes streams of columns, each stream with its own rows. CSV is read here; the libraries of
-the field read the others (extra ``logs``) and are loaded when a file needs them.
+the field read the others (extra ``logs``), in a process whose memory and time are limited.
 """
 
 from __future__ import annotations
@@ -10,25 +10,58 @@ import csv
 import io
 import os
 import struct
-from collections import Counter, defaultdict
+from array import array
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import redirect_stderr, redirect_stdout
-from typing import Any, BinaryIO
+from functools import partial
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.utils.storage import DamagedFileError, open_regular
-from aquafish_gym.utils.validation import MissingExtraError, brief, install_advice
-from eea.logs.cells import decoder, is_clock, leaves, named, numbers, stated_units, tabulated
-from eea.logs.libraries import ends_within_message, open_dataflash
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    MissingExtraError,
+    brief,
+    install_advice,
+    printable,
+)
+from eea.logs.cells import (
+    DECODERS,
+    Table,
+    decoder,
+    is_clock,
+    leaves,
+    named,
+    numbers,
+    seconds,
+    stated_units,
+)
+from eea.logs.child import read_in_child
+from eea.logs.libraries import WholeReads, ends_within_message, open_dataflash
+from eea.logs.limits import (
+    ADVICE,
+    MOST_COLUMNS,
+    bounded,
+    most_cells,
+    most_memory,
+    refuse_cells,
+)
 from eea.logs.other_formats import refuse_other
 from eea.logs.streams import Recording, Stream
 
 LARGEST_CSV_BYTES = 64 * 2**20  # more than an hour at 100 rows a second
+#: A CSV of at most this size is read here: its cells, of which ``_csv`` refuses too many, take
+#: less than 0.2 GB and 2 s, and starting a process takes longer than reading it.
+SMALL_CSV_BYTES = 2**20
 LARGEST_LOG_BYTES = 2**31
 ARDUPILOT_CLOCKS = (("TimeUS", 1e-6), ("TimeMS", 1e-3))
 CUT = "the file ends in the middle of a row, which is left out"
+UNENDED = "the file's last row has no end of line, so that it may be cut: it is left out"
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -39,34 +72,60 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read, is damaged, or has another format; it says how to convert it.
+        If the file cannot be read, is damaged, holds or takes too much, or has another format; it
+        says what to do.
     MissingExtraError
         If the extra ``logs`` is needed and not installed.
     """
-    remarks: list[str] = []
     with open_regular(path, "log", LARGEST_LOG_BYTES) as file:
         begin = file.read(32)
-        file.seek(0)
-        name, read = next((RECORDERS[one] for one in RECORDERS if begin.startswith(one)), CSV)
-        try:
-            refuse_other(begin)
-            # The libraries print what they skip.
-            with redirect_stdout(io.StringIO()) as said, redirect_stderr(said):
-                streams = sorted(read(file, remarks), key=lambda stream: stream.name)
-        except DamagedFileError as error:
-            raise DamagedFileError(f"log: {path}: {error}") from None
-        except ImportError as error:
-            raise MissingExtraError(
-                f"log: {path}: {name} needs the extra logs ({error}): {install_advice('logs')}"
-            ) from None
-        except Exception as error:  # each library has its own for a damaged file
-            raise DamagedFileError(
-                f"log: {path}: it is a damaged {name} file: copy it from its recorder again "
-                f"({brief(str(error)) if str(error) else type(error).__name__})"
-            ) from None
-    if said.getvalue():
-        remarks.append(f"its library says: {said.getvalue().splitlines()[0]}")
-    return Recording(name, streams, remarks)
+        size = os.fstat(file.fileno()).st_size
+    kind = next((one for one in FORMATS if one.begins and begin.startswith(one.begins)), CSV)
+    remarks: list[str] = []
+    try:
+        refuse_other(begin)
+        for library in kind.libraries:
+            if find_spec(library) is None:
+                raise ImportError(f"No module named {library!r}")
+        if kind is CSV and size <= SMALL_CSV_BYTES:
+            streams = list(read_streams(path, kind.name, remarks))
+        else:
+            streams = read_in_child(os.fspath(path), kind.name, size, remarks)
+    except InvalidArgumentError as error:
+        raise type(error)(f"log: {path}: {error}") from None
+    except ImportError as error:
+        raise MissingExtraError(
+            f"log: {path}: {kind.name} needs the extra logs ({error}): {install_advice('logs')}"
+        ) from None
+    except MemoryError:
+        raise InvalidArgumentError(
+            f"log: {path}: reading it must take at most {most_memory(size) / 2**30:.3g} GiB of "
+            f"memory, and what is free; it takes more: {ADVICE}"
+        ) from None
+    except Exception as error:  # each library has its own for a damaged file
+        raise DamagedFileError(
+            f"log: {path}: it is a damaged {kind.name} file: copy it from its recorder again "
+            f"({brief(str(error)) if str(error) else type(error).__name__})"
+        ) from None
+    streams.sort(key=lambda stream: stream.name)
+    return Recording(kind.name, streams, [printable(remark) for remark in remarks])
+
+
+def read_streams(
+    path: str | os.PathLike[str], format_name: str, remarks: list[str]
+) -> Iterator[Stream]:
+    """Yield the streams of a log in this process, and add to the remarks on it.
+
+    A damaged file raises any error of its library. See :func:`read_recording`, which limits the
+    memory and the time.
+    """
+    read = next(one.read for one in FORMATS if one.name == format_name)
+    with Path(path).open("rb") as file:
+        yield from bounded(read(file, remarks), _size(file), remarks)
+
+
+def _size(file: BinaryIO) -> int:
+    return os.fstat(file.fileno()).st_size
 
 
 def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
@@ -80,9 +139,10 @@ def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
     except (csv.Error, UnicodeDecodeError) as error:
         raise DamagedFileError(f"it is no CSV, Parquet, BIN, ULog or MCAP file: {error}") from None
     names = [name.strip() for name in rows.pop(0)] if rows else []
-    if rows and len(rows[-1]) < len(names) and not text.endswith("\n"):
-        rows.pop()
-        remarks.append(CUT)
+    if rows and not text.endswith("\n"):  # a number without its last digits is another number
+        remarks.append(CUT if len(rows.pop()) < len(names) else UNENDED)
+    # Each cell has its delimiter: in a table of twice as many, most rows lack most of their cells.
+    refuse_cells(len(rows), len(names), 2 * len(content))
     for number, row in enumerate(rows, 1):
         if any(row[len(names) :]):
             raise DamagedFileError(
@@ -97,39 +157,79 @@ def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
 def _parquet(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
     from pyarrow import parquet
 
-    table = parquet.read_table(file)
+    log = parquet.ParquetFile(file, page_checksum_verification=True)
+    most = most_cells(_size(file))
+    refuse_cells(log.metadata.num_rows, log.metadata.num_columns, most)
+    table = log.read(use_threads=False)
     names: list[str] = []
     columns: list[NDArray[Any]] = []
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        values = column.to_pandas().tolist()
-        if any(isinstance(value, Mapping | np.ndarray) for value in values):
-            inner = tabulated([dict(leaves(value, name)) for value in values])
-        else:
-            inner = {name: numbers(values)}
+    for name in table.column_names:
+        inner = _arrow_columns(name, table.column(0), partial(refuse_cells, most=most))
+        table = table.remove_column(0)  # its memory is free once it is converted
         names += inner
         columns += inner.values()
     yield Stream("", named(names, columns, remarks), {}, stated_units(names))
 
 
+def _arrow_columns(
+    name: str, column: Any, refuse: Callable[[int, int], None]
+) -> dict[str, NDArray[Any]]:
+    """Return a column of Arrow as numbers, or each number in its lists and structs as a column."""
+    from pyarrow import compute, types
+
+    if types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if any(is_kind(column.type) for is_kind in (types.is_floating, types.is_integer)):
+        return {name: column.to_numpy().astype(np.float64, copy=False)}
+    if any(is_kind(column.type) for is_kind in (types.is_string, types.is_large_string)):
+        words = column.unique()  # few, mostly
+        return {name: numbers(words.to_pylist())[compute.index_in(column, words).to_numpy()]}
+    values = column.to_pandas()
+    if values.dtype.kind == "b":
+        return {name: values.to_numpy(np.float64)}
+    if values.dtype.kind == "M":
+        return {name: seconds(values)}
+    cells = values.tolist()
+    if not any(isinstance(cell, Mapping | np.ndarray) for cell in cells):
+        return {name: numbers(cells)}
+    table = Table(refuse)
+    for cell in cells:
+        table.append(dict(leaves(cell, name)))
+    return table.columns()
+
+
 def _ardupilot(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
+    rows: dict[tuple[str, Any], tuple[Any, dict[str, Any]]] = {}
     with open_dataflash(file.name) as log:
-        rows: dict[tuple[str, Any], list[Any]] = defaultdict(list)
         while (row := log.recv_msg()) is not None:
             sensor = row.fmt.instance_field and getattr(row, row.fmt.instance_field)
-            rows[row.get_type(), sensor].append(row)
+            layout, columns = rows.setdefault(
+                (row.get_type(), sensor),
+                (row.fmt, {one: array("d") for one in row.fmt.columns}),
+            )
+            for one in layout.columns:
+                columns[one] = _appended(columns[one], getattr(row, one))
         if log.offset < log.data_len:
             remarks.append(CUT)
     sensors = Counter(name for name, _ in rows)
-    for (name, sensor), messages in rows.items():
-        layout = messages[0].fmt
+    for (name, sensor), (layout, columns) in rows.items():
         clocks = {one: tick for one, tick in ARDUPILOT_CLOCKS if one in layout.columns}
         if clocks:
             yield Stream(
                 name if sensors[name] == 1 else f"{name}[{sensor}]",
-                {one: numbers([getattr(row, one) for row in messages]) for one in layout.columns},
+                {one: numbers(cells) for one, cells in columns.items()},
                 clocks,
                 dict(zip(layout.columns, layout.units or (), strict=False)),
             )
+
+
+def _appended(cells: Any, cell: Any) -> Any:
+    """Return cells with one more: an array of numbers, or a list from the first text on."""
+    try:
+        cells.append(cell)
+    except TypeError:
+        return [*cells, cell]
+    return cells
 
 
 def _ulog(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
@@ -150,43 +250,98 @@ def _ulog(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
 
 
 def _mcap(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    import mcap_protobuf.decoder
-    import mcap_ros1.decoder
-    import mcap_ros2.decoder
     from mcap.exceptions import McapError
-    from mcap.reader import NonSeekingReader
 
-    factories = [one.decoder.DecoderFactory() for one in (mcap_ros2, mcap_ros1, mcap_protobuf)]
-    rows: dict[str, list[dict[str, float]]] = defaultdict(list)
+    refuse = partial(refuse_cells, most=most_cells(_size(file)))
+    tables: dict[str, Table] = {}
     left_out: dict[str, str] = {}
-    # Without the index at the file's end, which a recorder that lost its power did not write.
-    messages = NonSeekingReader(file)
     try:
-        for schema, channel, message in messages.iter_messages(log_time_order=False):
+        for schema, channel, message in _messages(file, remarks):
             if channel.topic in left_out:
                 continue
             try:
-                decode = decoder(channel.message_encoding, schema, factories)
-                row = dict(leaves(decode(message.data)))
+                decode = decoder(channel.message_encoding, schema)
+                row = dict(islice(leaves(decode(message.data)), MOST_COLUMNS + 1))
+            except (ImportError, MemoryError):  # not the messages' fault
+                raise
             except Exception as error:  # each decoder has its own
                 left_out[channel.topic] = f"is left out: its messages cannot be decoded ({error})"
                 continue
-            rows[channel.topic].append(row | {"log_time": message.log_time / 1e9})
+            table = tables.setdefault(channel.topic, Table(refuse))
+            table.append(row | {"log_time": message.log_time / 1e9})
     except (McapError, struct.error) as error:
-        remarks.append(f"{CUT} ({error})")
+        remarks.append(f"{CUT} ({error})" if str(error) else CUT)
     remarks += [f"{topic} {reason}" for topic, reason in left_out.items()]
-    for topic, each in rows.items():
-        columns = tabulated(sorted(each, key=lambda row: row["log_time"]))
+    for topic in list(tables):
+        columns = tables.pop(topic).columns()
+        order = np.argsort(columns["log_time"], kind="stable")
+        columns = {name: cells[order] for name, cells in columns.items()}
         stamps = [one for one in ("header.stamp", "timestamp") if is_clock(columns, one)]
         yield Stream(topic, columns, dict.fromkeys([*stamps, "log_time"], 1.0))
 
 
-Reader = Callable[[BinaryIO, list[str]], Iterator[Stream]]
-CSV: tuple[str, Reader] = ("CSV", _csv)
-#: The first bytes of a file -> its format.
-RECORDERS: dict[bytes, tuple[str, Reader]] = {
-    b"PAR1": ("Parquet", _parquet),
-    b"\xa3\x95": ("ArduPilot BIN", _ardupilot),
-    b"ULog": ("PX4 ULog", _ulog),
-    b"\x89MCAP": ("MCAP", _mcap),
-}
+def _messages(file: BinaryIO, remarks: list[str]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the schema, the channel and each message of an MCAP file, in the order of the file.
+
+    The index at the file's end, which a recorder that lost its power did not write, only tells
+    whether parts of the file were skipped.
+
+    Raises
+    ------
+    McapError, struct.error
+        If the file ends in the middle, or has other content from there on.
+    ValueError
+        If a checksum is wrong.
+    """
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    schemas: dict[int, Any] = {0: None}
+    channels: dict[int, Any] = {}
+    counts = Counter[str]()
+    stated = Counter[str]()
+    whole = WholeReads(file, _size(file))
+    for part in StreamReader(whole, emit_chunks=True, validate_crcs=True).records:  # type: ignore[arg-type]
+        if isinstance(part, Statistics):
+            stated["messages"] = part.message_count
+        stated["chunks"] += isinstance(part, ChunkIndex)
+        counts["chunks"] += isinstance(part, Chunk)
+        for record in breakup_chunk(part, True) if isinstance(part, Chunk) else [part]:
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                counts["messages"] += 1
+                channel = channels.get(record.channel_id)
+                if channel is None or channel.schema_id not in schemas:
+                    raise McapError(f"channel {record.channel_id} or its schema is missing")
+                yield schemas[channel.schema_id], channel, record
+    for name, count in stated.items():
+        if count and count != counts[name]:
+            remarks.append(
+                f"the file is damaged: its index counts {count} {name}, and it has {counts[name]}"
+            )
+
+
+class Format(NamedTuple):
+    """A format of logs."""
+
+    name: str
+    begins: bytes  #: The first bytes of a file.
+    read: Callable[[BinaryIO, list[str]], Iterator[Stream]]
+    libraries: tuple[str, ...]  #: The modules of the extra ``logs`` that read it.
+
+
+CSV = Format("CSV", b"", _csv, ())
+FORMATS = (
+    CSV,
+    Format("Parquet", b"PAR1", _parquet, ("pyarrow",)),
+    Format("ArduPilot BIN", b"\xa3\x95", _ardupilot, ("pymavlink.DFReader",)),
+    Format("PX4 ULog", b"ULog", _ulog, ("pyulog",)),
+    Format(
+        "MCAP", b"\x89MCAP", _mcap,
+        ("mcap.reader", *DECODERS.values()),
+    ),
+)  # fmt: skip

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +20,10 @@ from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraErro
 from eea import read_log
 from eea.__main__ import main
 from eea.logs.alignment import held_means
+from eea.logs.child import PROGRAM
+from eea.logs.streams import Recording, Stream
 from eea.logs.summary import summary
-from eea.logs.tables import read_recording
+from eea.logs.tables import read_recording, read_streams
 from tests.eea.log_files import (
     COMMANDS,
     RATES,
@@ -32,6 +40,17 @@ from tests.eea.log_files import (
 ROOT = Path(__file__).parents[2]
 EXAMPLE = "examples/logs/swim.mcap"
 PAGE = (ROOT / "docs" / "howto" / "logs.md").read_text(encoding="utf-8")
+
+
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let logs be read in this process: hundreds of processes take minutes to start."""
+
+    def read(path: str, format_name: str, _size: int, remarks: list[str]) -> list[Stream]:
+        said = io.StringIO()
+        with redirect_stdout(said), redirect_stderr(said):
+            return list(read_streams(path, format_name, remarks))
+
+    monkeypatch.setattr("eea.logs.tables.read_in_child", read)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -53,8 +72,6 @@ def test_a_part_is_read_by_its_time(name: str, tmp_path: Path) -> None:
 
 
 def test_messages_of_ros_1_and_of_protobuf_are_read(tmp_path: Path) -> None:
-    import struct
-
     from google.protobuf.timestamp_pb2 import Timestamp
     from mcap.writer import Writer
     from mcap_protobuf.writer import Writer as ProtobufWriter
@@ -248,8 +265,12 @@ def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name: str, tmp_
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_damage_anywhere_gives_one_sentence_and_no_other_output(
-    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    read_here(monkeypatch)
     path = tmp_path / f"swim.{name}"
     columns = WRITERS[name](path)
     whole = path.read_bytes()
@@ -364,3 +385,229 @@ def test_nothing_is_left_where_a_file_is_read(tmp_path: Path) -> None:
     shutil.copy(tmp_path / "swim.BIN", tmp_path / "log")  # the name says nothing of the format
     assert read_recording(tmp_path / "log").format == "ArduPilot BIN"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "swim.BIN"]
+
+
+def small_mcap(path: Path, messages: Iterable[bytes], **options: Any) -> None:
+    """Write messages of one topic, by default in JSON."""
+    from mcap.writer import Writer
+
+    kind, encoding = options.pop("kind", b"{}"), options.pop("encoding", "json")
+    with path.open("wb") as file:
+        log = Writer(file, **options)
+        log.start()
+        schema = log.register_schema("p/A", "ros1msg" if encoding == "ros1" else "jsonschema", kind)
+        channel = log.register_channel("/a", encoding, schema)
+        for number, message in enumerate(messages):
+            log.add_message(channel, 10**7 * number, message, 10**7 * number)
+        log.finish()
+
+
+def wide_csv(path: Path) -> None:
+    path.write_bytes(b"," * 11_999 + b"\n" + b"1\n" * 20_000)
+
+
+def wide_large_csv(path: Path) -> None:
+    path.write_bytes(b"," * 11_999 + b"\n" + b"1\n" * 600_000)
+
+
+def long_parquet(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    zeros = pa.array(np.zeros(7_000_000))
+    parquet.write_table(pa.table({f"c{i}": zeros for i in range(10)}), path, compression="zstd")
+
+
+def lists_parquet(path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"a": pa.array([[0.0] * 64] * 100_000)}), path)
+
+
+def keys_mcap(path: Path) -> None:
+    small_mcap(path, (b'{"k%d":1}' % i for i in range(10_000)))
+
+
+def nested_mcap(path: Path) -> None:
+    text = "1"
+    for _ in range(4):
+        text = "[" + ",".join([text] * 60) + "]"
+    small_mcap(path, [text.encode()])
+
+
+def empty_elements_mcap(path: Path) -> None:
+    kind = b"E[] x\n" + b"=" * 80 + b"\nMSG: p/E\n"
+    message = struct.pack("<I", 2**31 - 1) + bytes(8)
+    small_mcap(path, [message], kind=kind, encoding="ros1")
+
+
+def nested_ulog(path: Path) -> None:
+    def message(kind: str, body: bytes) -> bytes:
+        return struct.pack("<HB", len(body), ord(kind)) + body
+
+    content = b"ULog\x01\x12\x35\x01" + bytes(8) + message("B", bytes(40))
+    for i in range(40):
+        content += message("F", f"t{i}:uint64_t timestamp;t{i + 1}[60] a;t{i + 1}[60] b;".encode())
+    content += message("F", b"t40:uint64_t timestamp;float x;") + message("A", bytes(3) + b"t0")
+    path.write_bytes(content + message("D", bytes(102)))
+
+
+BOMBS: dict[Callable[[Path], None], str] = {
+    wide_csv: "at most [0-9]* cells",
+    wide_large_csv: "at most [0-9]* cells",
+    long_parquet: "at most [0-9]* cells",
+    lists_parquet: "at most 0.25 GiB of memory|at most 2 s",
+    keys_mcap: "at most [0-9]* cells",
+    nested_mcap: "at most 50000 columns",
+    empty_elements_mcap: "at most 0.25 GiB of memory|at most 2 s",
+    nested_ulog: "at most 0.25 GiB of memory|at most 2 s",
+}
+
+
+@pytest.mark.parametrize("write", BOMBS)
+def test_a_small_file_that_states_a_large_log_is_refused_with_what_to_do(
+    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "at most 2 s" in BOMBS[write]:
+        monkeypatch.setattr("eea.logs.child.most_seconds", lambda _size: 2.0)
+        monkeypatch.setattr("eea.logs.child.most_memory", lambda _size: 2**28)
+        monkeypatch.setattr("eea.logs.tables.most_memory", lambda _size: 2**28)
+    path = tmp_path / "swim.log"
+    write(path)
+    with pytest.raises(
+        InvalidArgumentError, match=f"log: .*({BOMBS[write]}).*smaller file"
+    ) as told:
+        read_recording(path)
+    assert "damaged" not in str(told.value)
+
+
+def test_a_file_that_takes_long_is_refused_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty_elements_mcap(tmp_path / "swim.mcap")
+    monkeypatch.setattr("eea.logs.child.most_seconds", lambda _size: 1.0)
+    with pytest.raises(InvalidArgumentError, match=r"at most 1 s; it takes longer: write the col"):
+        read_recording(tmp_path / "swim.mcap")
+
+
+def test_the_process_that_reads_ends_with_its_parent(tmp_path: Path) -> None:
+    empty_elements_mcap(tmp_path / "swim.mcap")
+    places = [str(ROOT / name) for name in ("aquafish_gym", "eea")]
+    words = [*places, "MCAP", str(tmp_path / "swim.mcap"), str(2**30), "60", *sys.path]
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as child:
+        try:
+            assert child.stdin is not None
+            child.stdin.close()  # as where the parent is killed
+            assert child.wait(timeout=20) == 1
+        finally:
+            child.kill()
+
+
+def test_a_file_beside_the_log_is_not_taken_for_a_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mcap", "numpy", "json"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert read_recording(ROOT / EXAMPLE).streams
+
+
+def test_texts_of_a_log_come_through_the_process(tmp_path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    table = pa.table({
+        "mode": ["swim", "rest", None, "swim"], "on": [True, None, False, True],
+        "count": pa.array([1, None, 3, 2**40]), "number": ["1.5", "2", "3", "4"],
+    })  # fmt: skip
+    parquet.write_table(table, tmp_path / "swim.parquet")
+    (stream,) = read_recording(tmp_path / "swim.parquet").streams
+    assert stream.columns["mode"].tolist() == ["swim", "rest", None, "swim"]
+    np.testing.assert_array_equal(stream.columns["count"], [1.0, np.nan, 3.0, 2.0**40])
+    assert stream.columns["number"].tolist() == [1.5, 2.0, 3.0, 4.0]
+
+
+def held(recording: Recording) -> str:
+    return str([
+        (one.name, {name: cells.tolist() for name, cells in one.columns.items()})
+        for one in recording.streams
+    ])  # fmt: skip
+
+
+def mcaps() -> dict[str, dict[str, Any]]:
+    from mcap.writer import CompressionType
+
+    return {
+        "chunks": {"chunk_size": 500, "compression": CompressionType.NONE},
+        "compressed": {"chunk_size": 500, "compression": CompressionType.ZSTD},
+        "no chunks": {"use_chunking": False, "enable_data_crcs": True},
+    }
+
+
+@pytest.mark.parametrize("kind", ["chunks", "compressed", "no chunks"])
+def test_a_flipped_bit_of_an_mcap_is_refused_or_said(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read_here(monkeypatch)
+    path = tmp_path / "swim.mcap"
+    small_mcap(path, (b'{"x": %.4f}' % (0.1 + i / 999) for i in range(40)), **mcaps()[kind])
+    whole = path.read_bytes()
+    good = held(read_recording(path))
+    assert read_recording(path).remarks == []
+    changed = []
+    for at in np.random.default_rng(0).permutation(8 * len(whole))[:500].tolist():
+        content = bytearray(whole)
+        content[at // 8] ^= 1 << at % 8
+        path.write_bytes(content)
+        try:
+            recording = read_recording(path)
+        except InvalidArgumentError:
+            continue
+        if held(recording) != good and not recording.remarks:
+            changed.append(at)
+    assert not changed
+
+
+def test_a_csv_that_ends_within_its_last_number_is_read_up_to_the_row_before(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "swim.csv"
+    path.write_text("time,x\n0,0.1234\n1,0.1234\n2,0.12")
+    recording = read_recording(path)
+    assert recording.streams[0].columns["x"].tolist() == [0.1234, 0.1234]
+    assert recording.remarks == [
+        "the file's last row has no end of line, so that it may be cut: it is left out"
+    ]
+    path.write_text("time,x\n0,0.1234\n1,0.1234\n")
+    assert read_recording(path).remarks == []
+
+
+TRICKS = "\x1b]0;title\x07", "\x1b[2Knote: all good", "\x9b2K", "\u202elacsuac"
+
+
+@pytest.mark.parametrize("name", ["csv", "mcap"])
+def test_names_of_a_log_reach_the_terminal_without_control_characters(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import json
+
+    path = tmp_path / f"swim\x1b[2K.{name}"
+    if name == "csv":
+        lines = [",".join(["time", *TRICKS]), *(f"{0.01 * i},1,2,3,4" for i in range(30))]
+        path.write_text("\n".join([*lines, ""]), newline="")
+    else:
+        message = json.dumps(dict.fromkeys(TRICKS, 1.0)).encode()
+        small_mcap(path, [message, message])
+    said = []
+    known = ["logs"] if name == "csv" else ["logs", "--stream", "/a"]
+    for command in (known, ["logs", "--stream", "\x1b[2J"], ["infer", "--log"]):
+        code = main([*command, str(path)])
+        said.append(capsys.readouterr())
+        assert code == (0 if command == known else 2)
+    for text in [text for each in said for text in each]:
+        assert all(one.isprintable() for one in text.replace("\n", "")), ascii(text)
+    assert "\\x1b" in said[0].out
