@@ -23,7 +23,7 @@ from aquafish_gym.runs.manifest import (
     versions,
 )
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, file_path
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config
 from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld, replicate
@@ -120,7 +120,7 @@ def target_of(document: Mapping[str, Any]) -> tuple[Morphology, Damage]:
 
 def read_description(folder: Path) -> dict[str, Any]:
     """Return the content of a folder's study.json; an error names a missing or damaged file."""
-    path = folder / STUDY_FILE
+    path = file_path("folder", folder) / STUDY_FILE
     if not path.exists():
         raise ConfigurationError(
             f"{folder} must hold a study, which aquafish study --out {folder} begins; it has no "

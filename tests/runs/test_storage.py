@@ -349,3 +349,28 @@ def test_directories_are_created_or_refused(tmp_path):
     for path in (tmp_path / "file", tmp_path / "file" / "below", "", None, 3, "a\0b"):
         with pytest.raises(InvalidArgumentError, match=r"^folder must be a"):
             ensure_writable_directory(path, "folder")
+
+
+@pytest.mark.parametrize("long", ["x" * 300, f"{'x' * 300}/a", f"new/{'é' * 200}/a", "d/" * 3000])
+@pytest.mark.parametrize("suffix", ["", ".c"])
+def test_a_path_that_no_file_system_takes_is_refused_before_any_work(
+    long, suffix, tmp_path, monkeypatch
+):
+    from eea import SwimLog, load_posterior, read_log, write_log
+    from eea.study.report import report
+    from gait import Controller
+    from gait.controllers.c_files import c_files
+
+    monkeypatch.chdir(tmp_path)
+    log = SwimLog(0.01 * np.arange(65), np.zeros((65, 3)), np.full((65, 3), 0.4))
+    doors = [
+        lambda path: write_log(path, log), read_log, load_posterior, report, Controller.load,
+        lambda path: c_files("c", path), storage.ensure_writable_directory, storage.output_file,
+        lambda path: storage.write_bytes(path, b""), lambda path: read_document(path),
+    ]  # fmt: skip
+    for door in doors:
+        with pytest.raises(
+            InvalidArgumentError, match=r"must be a path of at most|is a letter and"
+        ):
+            door(long + suffix)
+    assert not list(tmp_path.iterdir())
