@@ -30,6 +30,7 @@ from aquafish_gym.runs.command_line import (
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.runs.progress import show_progress
 from aquafish_gym.utils.storage import write_document
+from aquafish_gym.utils.validation import printable
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE
@@ -108,7 +109,7 @@ class Evolve(Given):
         print(
             f"swims {_result_text(evolved, self.config)} ({network.nodes} nodes, "
             f"{network.connections} connections); {CONTROLLER_FILE} and {HISTORY_FILE} are in "
-            f"{self.out}"
+            f"{printable(str(self.out))}"
         )
 
 
@@ -218,7 +219,7 @@ class BaselineCommand:
             result = f"earns {learned.score:.2f} in {config.seconds:g} s"
         print(
             f"{result} on the mean over {over}; {CONTROLLER_FILE} and {CURVE_FILE} are in "
-            f"{self.out}"
+            f"{printable(str(self.out))}"
         )
 
 

@@ -25,7 +25,14 @@ from aquafish_gym.runs.command_line import FILMED_DAMAGE, Given, TargetEngine, r
 from aquafish_gym.runs.progress import show_share
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import output_file
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, utf8_text
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    instance,
+    integer,
+    printable,
+    utf8_text,
+)
 from gait.controllers.controller import INTERVAL, Controller
 from gait.scores.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
@@ -91,7 +98,7 @@ class Film(Given):
                 film(
                     swims, out, self.width, self.height, self.fps, self.speed, self.title, show
                 )  # fmt: skip
-        print(f"{'Replay' if self.html else 'Film'}: {out}")
+        print(printable(f"{'Replay' if self.html else 'Film'}: {out}"))
 
     def _swims_again(self) -> list[FilmedSwim]:
         """Return the last seconds of swims that diverged, and print how they end."""
@@ -106,7 +113,7 @@ class Film(Given):
         swims = []
         for path, label in zip(self.controllers, labels, strict=True):
             again = swim_again(path)
-            print(f"{label}: {again.explain()}")
+            print(printable(f"{label}: {again.explain()}"))
             swims.append(filmed_again(label, again))
         return swims
 
@@ -132,7 +139,7 @@ class Film(Given):
         swims = [self._swim(i, *one) for i, one in enumerate(several)]
         for swim in swims:
             far = swim.position[-1, 1]
-            print(f"{swim.label}: {far:z.2f} units in {self.seconds:g} s")
+            print(printable(f"{swim.label}: {far:z.2f} units in {self.seconds:g} s"))
         return swims
 
     def _swim(

@@ -10,6 +10,7 @@ from tyro.conf import arg
 
 from aquafish.page.document import write_live_page
 from aquafish_gym.utils.storage import output_file
+from aquafish_gym.utils.validation import printable
 
 
 @dataclass(frozen=True)
@@ -26,4 +27,5 @@ class Page:
     def execute(self) -> None:
         """Write the file."""
         path = write_live_page(output_file(self.html, "html"))
-        print(f"Page: {path} ({path.stat().st_size / 1e6:.2f} MB); open it in a browser")
+        size = f"{path.stat().st_size / 1e6:.2f} MB"
+        print(printable(f"Page: {path} ({size}); open it in a browser"))

@@ -37,7 +37,7 @@ from aquafish_gym.runs.markdown import shown_format
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, printable
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from gait.controllers.controller import Controller
 from gait.scores.transfer import TransferConfig
@@ -237,7 +237,8 @@ class CaseStudy(Given):
             controller.save(folder / job.folder / "controller.json")
         console = Console()
         console.print(Markdown(to_markdown(report, short=True)))
-        console.print(f"Report and figures: {folder}\n{folder / PAGE}", soft_wrap=True)
+        shown = f"{printable(str(folder))}\n{printable(str(folder / PAGE))}"
+        console.print(f"Report and figures: {shown}", soft_wrap=True)
 
     def _commands(self, shown: Treatment) -> list[str]:
         """Return the command lines that repeat the study and replay the shown robot."""

@@ -54,6 +54,7 @@ from aquafish_gym.utils.validation import (
     MissingExtraError,
     integer,
     one_of,
+    printable,
 )
 
 Errors = tuple[type[Exception], ...]
@@ -341,7 +342,7 @@ def _one_line(box: str, command: type[Command]) -> str:
 
 
 def _fail(program: str, sentence: str, code: int) -> int:
-    print(f"{program}: {' '.join(sentence.split())}", file=sys.stderr)
+    print(printable(f"{program}: {' '.join(sentence.split())}"), file=sys.stderr)
     return code
 
 

@@ -29,7 +29,7 @@ from aquafish_gym.utils.storage import (
     write_bytes,
     write_document,
 )
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, printable
 
 RESULT_SCHEMA = "aquafish.result/1"
 TIMES_SCHEMA = "aquafish.times/1"
@@ -96,7 +96,8 @@ def run_jobs(
     failures: list[str] = []
     for job in left:
         if (folder / job.file).exists():
-            print(f"damaged: {folder / job.file}; {job.name} runs again", file=sys.stderr)
+            again = f"damaged: {folder / job.file}; {job.name} runs again"
+            print(printable(again), file=sys.stderr)
 
     def run_left(report: Report) -> None:
         with workers(count, scheduler, work) as executor:
@@ -143,7 +144,7 @@ def run_jobs(
 def exit_if_failed(failures: Sequence[str]) -> None:
     """Print the failures of :func:`run_jobs`; raise SystemExit(1) if there are any."""
     for failure in failures:
-        print(f"failed: {failure}", file=sys.stderr)
+        print(printable(f"failed: {failure}"), file=sys.stderr)
     if failures:
         raise SystemExit(1)
 

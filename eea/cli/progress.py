@@ -5,18 +5,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from aquafish_gym.runs.progress import every
+from aquafish_gym.utils.validation import printable
 
 MOST_SILENCE = 4.0  # s
 
 
+class _Plain(Console):
+    """A console that shows the control characters of a text instead of sending them."""
+
+    def print(self, *things: Any, **options: Any) -> None:
+        """Print texts, or anything else that rich can draw."""
+        super().print(
+            *(printable(one) if isinstance(one, str) else one for one in things), **options
+        )
+
+
 def plain_console(stderr: bool = False) -> Console:
-    """Return a console that prints lines as they are."""
-    return Console(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
+    """Return a console that prints lines as they are, with control characters as escapes."""
+    return _Plain(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
 
 
 def progress_bar(console: Console, unit: str) -> Progress:

@@ -23,6 +23,7 @@ from aquafish_gym.runs.jobs import exit_if_failed, finished, run_jobs
 from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.storage import ensure_writable_directory
+from aquafish_gym.utils.validation import printable
 from eea.cli.options import AlgorithmOptions
 from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
@@ -174,4 +175,4 @@ def _report(folder: Path, formats: tuple[Format, ...]) -> None:
     from eea.study.report import report
 
     report(folder, formats)
-    print(f"results.csv, summary.md and figures are in {folder}")
+    print(printable(f"results.csv, summary.md and figures are in {folder}"))

@@ -12,6 +12,7 @@ from tyro.conf import arg
 from aquafish_gym.runs.command_line import OptionalOut, Threads, check_threads
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.utils.storage import write_document
+from aquafish_gym.utils.validation import printable
 from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.progress import waiting
 from eea.core.session import streams
@@ -86,7 +87,7 @@ class Watch:
             document = {"alarm": found.alarm, "noticed": found.noticed, "windows": windows}
             write_document(folder / WATCHED_FILE, document, WATCHED_SCHEMA)
             save_figure(watched_figure(found), folder / WATCHED_PICTURE)
-            print(f"written to {folder}")
+            print(printable(f"written to {folder}"))
 
 
 def _digest(file: Path) -> str:

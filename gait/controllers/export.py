@@ -23,7 +23,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
-from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, instance, printable
 from gait.controllers.c_files import (
     CFile,
     c_file_path,
@@ -111,7 +111,7 @@ class Export(Given):
             made.append(model_file(bodies, self.model, self.reactive))
         written = [path for file in made for path in file.write()]  # now that none is refused
         for path in written:
-            print(f"wrote {path} ({path.stat().st_size} bytes)")
+            print(printable(f"wrote {path} ({path.stat().st_size} bytes)"))
 
 
 def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path, Path]:
