@@ -39,7 +39,12 @@ def test_gaits_for_a_sample_are_compared_with_the_true_bodys(tmp_path: Path) -> 
 def test_the_gait_ceiling_has_a_row_for_each_body(tmp_path: Path) -> None:
     searches = ("linear", "recurrent, fins")
     Ceiling(
-        tmp_path, 2, 1, searches, ("none", "caudal:missing"), budget_divisor=400, workers=1
+        tmp_path,
+        replicates=2,
+        searches=searches,
+        bodies=("none", "caudal:missing"),
+        budget_divisor=400,
+        workers=1,
     ).execute()
     head, _, *rows = rows_of(tmp_path)
     assert head == ["", *searches]
