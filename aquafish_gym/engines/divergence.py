@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, put_state
+from aquafish_gym.physics.layout import STATE_NUMBERS, put_state
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows, Triple
 from aquafish_gym.utils.storage import encode_document, write_bytes
@@ -29,18 +29,9 @@ from aquafish_gym.utils.storage import encode_document, write_bytes
 SCHEMA = "aquafish.divergence/1"
 RECORDED_STEPS = round(1.0 / TIMESTEP)  # a second
 MOST_FILES = 10  # in a folder: whole batches may diverge
+START_FIELDS = ("fin_angles", "velocity", "spin")  # that an engine reads at the start alone
 # The fields of a scenario that an engine reads, besides the current.
-READ_FIELDS = ("body", "fin_angles", "velocity", "spin", "drag", "fin_density", "servo_gain")
-
-
-def diverged_states(states: Reals) -> Flags:
-    """Return which robots (B,) of states (22 or more, B) ran away or are not finite."""
-    numbers = states[:STATE_NUMBERS].astype(np.float64)
-    speeds = numbers[FIELDS["velocity"].start : FIELDS["spin"].stop]
-    with np.errstate(over="ignore", invalid="ignore"):
-        slow = (speeds**2).sum(axis=0) < RUNAWAY_SQUARE
-    lost: Flags = np.logical_not(slow & np.isfinite(numbers).all(axis=0))
-    return lost
+READ_FIELDS = ("body", *START_FIELDS, "drag", "fin_density", "servo_gain")
 
 
 class _Moment(NamedTuple):
@@ -96,13 +87,19 @@ class Recording:
             self._current = scenario.current
         self._begun[rows] = self._clock
         self._lost[rows] = False
-        self.update(scenario, rows)
+        self._note_robots(scenario, rows, READ_FIELDS)
 
     def update(self, scenario: Scenario, rows: Rows) -> None:
         """Note that robots become those of a scenario. Earlier moments keep what they were."""
+        # They keep their motion. The angle of a servo that dies in mid-swim is not even a number.
+        lasting = tuple(name for name in READ_FIELDS if name not in START_FIELDS)
+        self._note_robots(scenario, rows, lasting)
+
+    def _note_robots(self, scenario: Scenario, rows: Rows, names: tuple[str, ...]) -> None:
         self._robots = {name: table.copy() for name, table in self._robots.items()}
-        for name, rows_of_field in _read_fields(scenario).items():
-            self._robots[name][rows] = rows_of_field
+        fields = _read_fields(scenario)
+        for name in names:
+            self._robots[name][rows] = fields[name]
         self._current = self._current.copy()
         self._current[rows] = scenario.current
 

@@ -13,13 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aquafish_gym.engines.divergence import (
-    READ_FIELDS,
-    RECORDED_STEPS,
-    SCHEMA,
-    diverged_states,
-)
-from aquafish_gym.engines.worlds import WORLDS, World
+from aquafish_gym.engines.divergence import READ_FIELDS, RECORDED_STEPS, SCHEMA
+from aquafish_gym.engines.worlds import WORLDS, World, diverged_states
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
 from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, put_state

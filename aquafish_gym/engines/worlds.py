@@ -35,7 +35,7 @@ import numpy as np
 from aquafish_gym.command import lag_parts, late_command
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.physics.layout import state_from_numbers
+from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows, Triple
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -62,7 +62,14 @@ class World(ABC):
     _newer_share = 1.0
 
     def start(self, scenario: Scenario) -> None:
-        """Put the robot at the start of a scenario."""
+        """Put the robot at the start of a scenario.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the angle of a dead servo's fin has not been drawn.
+        """
+        scenario.check_angles()
         self._longest_lag = longest_lags(scenario).item()
         count = remembered_steps(self._longest_lag)
         self._given = deque([STILL] * count, count) if self._longest_lag else None
@@ -172,12 +179,22 @@ class Swimmers(ABC):
 
     @property
     def diverged(self) -> Flags:
-        """Which robots (B,) ran away and left the finite numbers."""
-        return np.logical_not(np.isfinite(self.states).all(axis=0))
+        """Which robots (B,) ran away or left the finite numbers."""
+        return diverged_states(self.states)
 
     @abstractmethod
     def close(self) -> None:
         """Free what the engine holds; closing twice does no harm."""
+
+
+def diverged_states(states: Reals) -> Flags:
+    """Return which robots (B,) of states (22 or more, B) ran away or are not finite."""
+    numbers = states[:STATE_NUMBERS].astype(np.float64)
+    speeds = numbers[FIELDS["velocity"].start : FIELDS["spin"].stop]
+    with np.errstate(over="ignore", invalid="ignore"):
+        slow = (speeds**2).sum(axis=0) < RUNAWAY_SQUARE
+    lost: Flags = np.logical_not(slow & np.isfinite(numbers).all(axis=0))
+    return lost
 
 
 def longest_lags(scenario: Scenario) -> Floats:

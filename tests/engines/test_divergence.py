@@ -11,16 +11,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.recorded_lanes import RecordedLanes
-from aquafish_gym.engines.divergence import MOST_FILES, RECORDED_STEPS, diverged_states
+from aquafish_gym.engines.divergence import MOST_FILES, RECORDED_STEPS
 from aquafish_gym.engines.swim_again import is_divergence, swim_again
-from aquafish_gym.engines.worlds import make_world
+from aquafish_gym.engines.worlds import diverged_states, make_world
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
+from gait.controllers.controller import Controller, program_of
 
 # A body and a current in which one start in twelve diverges within a second.
 THIN = [1.0, 2.0, 0.0, 0.0, 2.0, 0.5, 0.5, 0.0, 0.0]
@@ -221,3 +224,40 @@ def test_a_damaged_file_is_refused(change: dict[str, Any], folder: Path) -> None
     path.write_text(json.dumps(content | change))
     with pytest.raises(InvalidArgumentError, match="is damaged"):
         swim_again(path)
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+def test_a_robot_whose_servo_died_in_mid_swim_is_swum_again(engine: str, folder: Path) -> None:
+    robot = struck(33)
+    (change,) = robot.schedule
+    dead = replace(change.to, fin_angles=np.array([[0.0, 0.0, np.nan]]))  # as Damage.edit says it
+    rollout(
+        [lambda *_: (0.0, 0.5, 1.0)],
+        replace(robot, schedule=(change._replace(to=dead),)),
+        engine=engine,
+        seconds=1.0,
+    )
+    assert swim_again(next(folder.iterdir())).runaway is not None
+
+
+def test_lanes_diverge_by_the_rule_of_worlds() -> None:
+    fast = make_world("numba", Scenario.create())
+    lanes = LaneBatch(Scenario.create([[0.3] * 9] * 3), np.float64)
+    lanes.states[FIELDS["velocity"], 1] = 1e7
+    lanes.states[FIELDS["spin"], 2] = np.nan
+    assert lanes.diverged.tolist() == [False, True, True]
+    fast._numbers[FIELDS["velocity"]] = 1e7  # type: ignore[attr-defined]
+    fast.advance((0.0, 0.0, 0.0), 0)
+    assert fast.diverged
+
+
+@pytest.mark.parametrize("drag", [0.0, 1e-5])
+def test_a_rollout_without_a_task_notices_a_robot_that_ran_away(drag: float) -> None:
+    """With some drag it is slow again in the end."""
+    policy = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0)
+    start = start_rows(np.zeros((2, 3)))
+    start[FIELDS["velocity"].start + 1, 1] = 3e6
+    hulls = Scenario.create(np.zeros((2, 9)), drag=(drag, drag))
+    found = rollout(program_of([policy, policy]), hulls, seconds=3.0, threads=1, start=start)
+    assert found.diverged.tolist() == [False, True]
+    assert np.isnan(found.end[1]).all()

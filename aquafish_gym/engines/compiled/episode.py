@@ -128,14 +128,18 @@ def note_action(kept: Any, action: Vector, command: Vector, position: Vector, dt
     put_vector(kept, BEFORE_ROW, 0, 1, position)
 
 
-def note_reward(kept: Any, terms: tuple[Number, ...], velocity: Vector, spin: Vector) -> None:
-    """Add the terms of a reward, unless the robot has diverged."""
-    like = velocity[0]
+def note_divergence(kept: Any, velocity: Vector, spin: Vector) -> None:
+    """Note whether the robot diverged."""
     square = dot(velocity, velocity) + dot(spin, spin)
-    alive = where_less(square, RUNAWAY_SQUARE, fetch(kept, ALIVE_ROW, like), 0.0)
+    alive = fetch(kept, ALIVE_ROW, velocity[0])
+    put(kept, ALIVE_ROW, where_less(square, RUNAWAY_SQUARE, alive, 0.0))
+
+
+def note_reward(kept: Any, terms: tuple[Number, ...], like: Number) -> None:
+    """Add the terms of a reward, unless the robot has diverged."""
+    alive = fetch(kept, ALIVE_ROW, like)
     total = fetch(kept, TOTAL_ROW, like)
     reward = 0.0 * like
     for term in terms:
         reward = reward + term
     put(kept, TOTAL_ROW, where_less(0.0, alive, total + reward, total))
-    put(kept, ALIVE_ROW, alive)

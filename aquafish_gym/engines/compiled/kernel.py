@@ -38,6 +38,7 @@ from aquafish_gym.engines.compiled.episode import (
     RECKONED_ROW,
     fetch_memory,
     note_action,
+    note_divergence,
     note_reward,
     put_memory,
     sensed,
@@ -204,6 +205,8 @@ def compile_kernel(
                 held += 1
                 if held == interval:
                     held = 0
+                if closed and held == 0:
+                    note_divergence(kept, state.velocity, state.spin)
                 if judged and held == 0:
                     memory = fetch_memory(kept, zero)
                     done = make_step(
@@ -214,7 +217,7 @@ def compile_kernel(
                         memory,
                         dt,
                     )
-                    note_reward(kept, rewards(task, done), state.velocity, state.spin)
+                    note_reward(kept, rewards(task, done), zero)
                     if remembers:
                         put_memory(kept, recall(task, done))
                 # ... and what is asked for is recorded.

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from aquafish_gym.engines.compiled.lanes import LaneBatch, Selection
-from aquafish_gym.engines.divergence import Recording, diverged_states
+from aquafish_gym.engines.divergence import Recording
+from aquafish_gym.engines.worlds import diverged_states
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
