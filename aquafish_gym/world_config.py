@@ -73,4 +73,5 @@ class WorldConfig:
             servo_gain=scenario.servo_gain * self.servo_gain,
             servo_lag=scenario.servo_lag + self.lag,
             reactive=scenario.reactive or self.reactive,
+            schedule=tuple(one._replace(to=self.edit(one.to)) for one in scenario.schedule),
         )

@@ -305,6 +305,15 @@ def test_faults_are_listed_with_a_growth_only_if_they_grow() -> None:
     assert Damage.coerce(damage.to_list()) == damage
 
 
+def test_damage_of_a_scenario_with_a_schedule_is_refused() -> None:
+    later = Damage.parse("caudal:missing@1").edit(Scenario.create())
+    assert Damage().edit(later) is later
+    with pytest.raises(InvalidArgumentError, match="scenario must have no schedule yet"):
+        Damage.parse("left_pectoral:seized").edit(later)
+    with pytest.raises(InvalidArgumentError, match="scenario must have no schedule yet"):
+        edit_each(later, [Damage.parse("left_pectoral:seized")])
+
+
 def test_each_robot_may_have_damage_of_its_own() -> None:
     texts = ["caudal:missing@0.05", "none", "gyro:noise=0.1@1+1;caudal:weak=0.5"]
     robots = Scenario.create(np.tile(NOMINAL.to_array(), (3, 1)))

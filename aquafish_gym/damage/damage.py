@@ -175,12 +175,17 @@ class Damage:
         Raises
         ------
         InvalidArgumentError
-            If a fault does not fit a body, or is random.
+            If a fault does not fit a body, or is random, or the scenario has a schedule.
         """
         instance("scenario", scenario, Scenario)
         integer("hold", hold, 1, MAXIMUM_HOLD_STEPS)
         if not self.faults:
             return scenario
+        if scenario.schedule:
+            raise InvalidArgumentError(
+                "scenario must have no schedule yet, which its damage sets: put all faults of a "
+                f"robot into one Damage; got {scenario!r}"
+            )
         rows = np.arange(len(scenario))
         self.check_steps(TIMESTEP * hold)
         (_, start), *later = (
