@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core import event
 
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
@@ -34,6 +34,7 @@ from aquafish_gym.utils.kernel_cache import (
     module_values,
     why_nothing_is_kept,
 )
+from aquafish_gym.utils.validation import EngineUnavailableError
 
 # All except those that compile or print the others.
 PHYSICS_MODULES = [
@@ -88,6 +89,15 @@ def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -
         _slow.add(function)
         _listen()
     return found
+
+
+def check_compiler() -> None:
+    """Raise EngineUnavailableError if numba does not compile: lanes do not exist in Python."""
+    if config.DISABLE_JIT:
+        raise EngineUnavailableError(
+            "the compiled engine and controllers need numba's compiler, which NUMBA_DISABLE_JIT "
+            "turns off; unset it"
+        )
 
 
 NOTICE = "compiling the physics for this machine, once: up to a minute in all ..."

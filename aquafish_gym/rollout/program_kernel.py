@@ -10,7 +10,13 @@ from typing import Any
 from aquafish_gym import command
 from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
+from aquafish_gym.physics.compiling import (
+    check_compiler,
+    compiled,
+    register,
+    register_module,
+    source_stamp,
+)
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import inlined, zero_lanes
 from aquafish_gym.rollout.plan import PROGRAM_CHANNELS
@@ -23,6 +29,7 @@ def compile_program(policy: Callable[..., Vector]) -> Any:
     It sets actions and carries the dead reckoning on, as the compiled loop does in lanes: here a
     lane has the width 1. All arrays are flat, except ``memory`` (B, scratch).
     """
+    check_compiler()
     register()
     register_module(command)
     register_module(sys.modules[policy.__module__])

@@ -44,7 +44,7 @@ class MissingExtraError(ImportError):
 
 
 class EngineUnavailableError(ImportError):
-    """An engine needs a package or a display that this machine lacks."""
+    """An engine needs a package, a display or a compiler that this machine lacks."""
 
 
 def install_advice(extra: str) -> str:

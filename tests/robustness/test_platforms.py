@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -66,3 +67,55 @@ def test_all_modules_import_and_runs_work_without_what_other_systems_lack(tmp_pa
     count, rest = result.split(" ", 1)
     assert int(count) > 150
     assert rest == "(1, 4, 3) 3 settings.json"
+
+
+WITHOUT_COMPILER = """
+import numpy as np, gymnasium as gym
+from aquafish.online import SelfModelAgent
+from aquafish_gym import Morphology, simulate
+from aquafish_gym.rollout import rollout
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import EngineUnavailableError
+from eea.fish import EngineTarget
+from gait import Controller, EvolveConfig, evaluate, evolve_gait, swim, swim_all
+from gait.controllers.controller import program_of
+
+still = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0)
+for engine in ("numba", "pybullet"):
+    env = gym.make("AquaFish-v0", engine=engine)
+    env.reset(seed=0)
+    print(env.step(np.ones(3, np.float32))[0].round(6).tolist())
+simulate(None, (0.1, 0.1, 0.1), steps=9, engine="pybullet")
+for use in (
+    lambda: simulate(None, (0.1, 0.1, 0.1), steps=9),
+    lambda: gym.make_vec("AquaFish-v0", 2),
+    lambda: rollout(program_of([still]), Scenario.create(), seconds=0.1),
+    lambda: EngineTarget(None, engine="numba"),
+    lambda: evaluate(lambda seen: np.zeros((len(seen), 3)), episodes=1),
+    lambda: swim_all([still], None),
+    lambda: swim(still, None, engine="numba"),
+    lambda: evolve_gait(None, EvolveConfig(seconds=0.1)),
+    lambda: SelfModelAgent().begin((0.0, 0.0, 0.0)),
+):
+    try:
+        use()
+    except EngineUnavailableError as error:
+        print(error)
+"""
+
+
+def test_without_numbas_compiler_a_sentence_says_so() -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", WITHOUT_COMPILER],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    one, two, *sentences = found.stdout.splitlines()
+    assert one == two
+    assert len(sentences) == 9
+    assert set(sentences) == {
+        "the compiled engine and controllers need numba's compiler, which NUMBA_DISABLE_JIT turns "
+        "off; unset it"
+    }

@@ -28,6 +28,7 @@ from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
 from aquafish_gym.engines.worlds import Swimmers, check_lags, longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.compiling import check_compiler
 from aquafish_gym.physics.layout import (
     CONDITION_ROWS,
     CURRENT,
@@ -89,7 +90,9 @@ class LaneBatch(Swimmers):
 
     ``width`` is how many robots share a register; None takes what the machine has. No result
     depends on it. A trial that begins in mid-series has ``rates`` of the joints at the start,
-    (B, 3) in rad/s, and commands (B, D, 3) that were ``given`` in the D steps before.
+    (B, 3) in rad/s, and commands (B, D, 3) that were ``given`` in the D steps before. Robots begin
+    in ``states``, (25, B) or (25, 1), if these are not None; else as the scenario says, which
+    raises InvalidArgumentError if the angle of a dead servo's fin has not been drawn.
     """
 
     def __init__(
@@ -101,7 +104,9 @@ class LaneBatch(Swimmers):
         width: int | None = None,
         rates: ArrayLike = (0.0, 0.0, 0.0),
         given: Floats | None = None,
+        states: Floats | None = None,
     ) -> None:
+        check_compiler()
         self.batch = len(scenario)
         self.dtype = dtype
         self._dtype_name = np.dtype(dtype).name
@@ -119,7 +124,8 @@ class LaneBatch(Swimmers):
             robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
         )
         self._conditions = pack(_conditions(scenario))
-        self._states = pack(_states(scenario, rates))
+        begun = _states(scenario, rates) if states is None else states
+        self._states = pack(np.broadcast_to(begun, (STATE_ROWS, self.batch)))
         self._commands = pack(np.zeros((3, self.batch)))
         self._everyone = np.arange(self.batch)
         self._longest_lag = longest_lags(scenario).copy()
@@ -328,4 +334,5 @@ def _conditions(scenario: Scenario) -> Floats:
 
 
 def _states(scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+    scenario.check_angles()
     return start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates)
