@@ -16,8 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
+from aquafish_gym.morphology import FINS
 from aquafish_gym.utils.array_types import Flags, Floats
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    one_of,
+    sequence,
+)
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
@@ -167,6 +175,40 @@ class Scenario:
         changes = [change.of_rows(chosen) for change in self.schedule]
         schedule = tuple(change for change in changes if len(change.rows))
         return replace(self, **taken, schedule=schedule)
+
+    def draw_angles(self, rngs: Sequence[np.random.Generator]) -> Self:
+        """Return the scenario with the angles of fins drawn whose servos are dead from the start.
+
+        Each robot draws from its own generator; ``rngs`` are B. Other angles stay as they are.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``rngs`` are no B generators.
+        """
+        rngs = sequence("rngs", rngs)
+        if len(rngs) != len(self) or not all(isinstance(rng, np.random.Generator) for rng in rngs):
+            raise InvalidArgumentError(
+                f"rngs must be {len(self)} generators of numpy, one for each robot; "
+                f"got {brief(rngs)}"
+            )
+        unknown = np.argwhere(np.isnan(self.fin_angles)).tolist()
+        if not unknown:
+            return self
+        angles = self.fin_angles.copy()
+        for robot, fin in unknown:
+            angles[robot, fin] = rngs[robot].uniform(-np.pi, np.pi)
+        return replace(self, fin_angles=angles)
+
+    def check_angles(self) -> None:
+        """Raise InvalidArgumentError if the angle of a dead servo's fin has not been drawn yet."""
+        unknown = np.argwhere(np.isnan(self.fin_angles)).tolist()
+        if unknown:
+            robot, fin = unknown[0]
+            raise InvalidArgumentError(
+                f"scenario must have fin angles where a swim begins: robot {robot} has a dead "
+                f"{FINS[fin]} servo, whose angle is random; draw it with scenario.draw_angles(rngs)"
+            )
 
     def stages(self) -> list[Scenario]:
         """Return the robots at the start, and those of each change."""

@@ -69,7 +69,7 @@ class RecordedSwim:
         """Return the log of a swim of random commands in which something breaks."""
         (path,) = rollout(
             [lambda *_: np.round(rng.uniform(-1.0, 1.0, 3), 2)],
-            broken,
+            broken.draw_angles([rng]),
             engine="numba",
             seconds=LATER_SECONDS,
             interval=HELD,

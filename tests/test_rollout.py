@@ -18,6 +18,7 @@ from aquafish_gym.envs.tasks import (
     Task,
 )
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import Change, Scenario
@@ -212,3 +213,35 @@ def test_what_does_not_fit_is_refused() -> None:
         rollout(program, whole(), TASKS[1], seconds=4.1)
     with pytest.raises(InvalidArgumentError, match="one kind"):
         program_of([make_controller(TASKS[0]), make_controller(TASKS[1])], 1)
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+def test_a_rollout_draws_the_angles_of_dead_servos(engine: str) -> None:
+    robots = Damage.parse("caudal:dead").edit(Scenario.create([Morphology.nominal()] * 3))
+    policies = [lambda *_: (0.3, -0.2, 1.0)] * 3
+    with pytest.raises(InvalidArgumentError, match="the angles of dead servos; got 0"):
+        rollout(policies, robots, engine=engine, seconds=0.5)
+    rngs = [np.random.default_rng(seed) for seed in range(3)]
+    found = rollout(policies, robots, engine=engine, seconds=0.5, rngs=rngs)
+    assert not found.diverged.any()
+    angles = [np.random.default_rng(seed).uniform(-np.pi, np.pi) for seed in range(3)]
+    for path, angle in zip(found.paths, angles, strict=True):
+        np.testing.assert_allclose(path.fin_angles[:, 2], angle)
+
+
+def test_a_program_from_a_state_believes_the_angles_of_that_state() -> None:
+    senses = Senses(fins=True)
+    weights = np.zeros((3, len(senses.names) + 3))
+    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names)))
+    body = Morphology.nominal()
+    program = program_of(
+        [Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0, senses=senses)]
+    )
+    angles = np.array([(0.5, -0.4, 2.0)])
+    there = rollout(program, Scenario.create(fin_angles=angles), seconds=2.0)
+    dead = Damage.parse("caudal:dead").edit(Scenario.create())
+    elsewhere = replace(dead, servo_gain=np.ones((1, 3)))
+    start = start_rows(angles)
+    np.testing.assert_array_equal(
+        there.end, rollout(program, elsewhere, seconds=2.0, start=start).end
+    )

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.api import simulate_scenario
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.world_batch import WorldBatch
+from aquafish_gym.engines.worlds import make_world
+from aquafish_gym.envs.batching import make_swimmers
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import angles_of_rows, start_rows
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.world_config import WorldConfig
 
 
 def scheduled() -> Scenario:
@@ -61,3 +71,73 @@ def test_parts_concatenate_to_the_whole() -> None:
     (change,) = again.schedule
     assert change.rows.tolist() == [1, 3]
     assert change.to.servo_gain[:, 2].tolist() == [0.1, 0.3]
+
+
+def test_a_world_is_that_of_all_stages() -> None:
+    """Its water stays when a servo breaks, whichever is said first."""
+    world = WorldConfig(
+        current=(0.1, 0.2, 0.3), drag=(2.0, 3.0), servo_gain=(0.5, 1.0, 1.0), lag=0.1
+    )
+    damage = Damage.parse("left_pectoral:weak=0.5@1; caudal:missing@2")
+    whole = Scenario.create()
+    one = world.edit(damage.edit(whole))
+    two = damage.edit(world.edit(whole))
+    for mine, others in zip(one.stages(), two.stages(), strict=True):
+        for name, table in mine.arrays().items():
+            np.testing.assert_array_equal(table, others.arrays()[name], name)
+    assert one.stages()[-1].servo_gain.tolist() == [[0.25, 1.0, 1.0]]
+
+
+def dead(count: int = 1) -> Scenario:
+    """Return robots whose tail's servo is dead from the start."""
+    return Damage.parse("caudal:dead").edit(Scenario.create([Morphology.nominal()] * count))
+
+
+def test_each_robot_draws_the_angles_of_its_dead_servos() -> None:
+    both = [np.random.default_rng(seed) for seed in (0, 1)]
+    drawn = dead(2).draw_angles(both).fin_angles
+    expected = [np.random.default_rng(seed).uniform(-np.pi, np.pi) for seed in (0, 1)]
+    np.testing.assert_array_equal(drawn, [(0.0, 0.0, angle) for angle in expected])
+    whole = Scenario.create()
+    assert whole.draw_angles(both[:1]) is whole
+    assert both[0].bit_generator.state == dead_state(0)
+    for wrong in ([], both, [1], "no"):
+        with pytest.raises(InvalidArgumentError, match="rngs must be"):
+            whole.draw_angles(wrong)  # type: ignore[arg-type]
+
+
+def dead_state(seed: int) -> object:
+    """Return the state of a generator that drew one angle."""
+    rng = np.random.default_rng(seed)
+    rng.uniform()
+    return rng.bit_generator.state
+
+
+STARTS: dict[str, Callable[[Scenario], object]] = {
+    "simulate": lambda robot: simulate_scenario(robot, np.zeros((1, 3)), 10),
+    "simulate, pybullet": lambda robot: simulate_scenario(
+        robot, np.zeros((1, 3)), 10, "pybullet", "float64"
+    ),
+    "lanes": LaneBatch,
+    "lanes, later": lambda robot: LaneBatch(Scenario.create()).start(robot),
+    "world": lambda robot: make_world("numba", robot),
+    "world, pybullet": lambda robot: make_world("pybullet", robot),
+    "batch": lambda robot: WorldBatch(robot, "numba"),
+    "environments": lambda robot: make_swimmers(robot, "numba", None, None),
+}
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_no_swim_begins_before_the_angles_are_drawn(start: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"robot 0 has a dead caudal servo.*draw_angles"):
+        STARTS[start](dead())
+    STARTS[start](dead().draw_angles([np.random.default_rng(0)]))
+
+
+def test_robots_in_mid_swim_have_no_angle_to_draw() -> None:
+    """A servo that died is where it was; an agent imagines such robots from a state."""
+    state = start_rows(np.array([(0.0, 0.0, 1.0)]))
+    lanes = LaneBatch(dead(3), np.float64, states=state)
+    lanes.advance(np.full((3, 3), 0.5), 10)
+    assert not lanes.diverged.any()
+    np.testing.assert_allclose(angles_of_rows(lanes.states)[2], 1.0)

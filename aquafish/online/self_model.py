@@ -121,7 +121,7 @@ class SelfModel:
         self.state = state
         self.noise = noise_of(robot)
         points = np.zeros(2 * ERROR_SIZE + 1, np.intp)
-        self._lanes = LaneBatch(robot.take(points), np.float64, threads=1)
+        self._lanes = LaneBatch(robot.take(points), np.float64, threads=1, states=state[:, None])
 
     def step(self, action: ArrayLike) -> None:
         """Predict the state after an action (3,) in [-1, 1]."""
@@ -210,8 +210,7 @@ def predict(
         raise InvalidArgumentError(
             f"states must have shape ({STATE_ROWS},) or ({STATE_ROWS}, {count}); got {states.shape}"
         )
-    lanes = LaneBatch(robots, threads=1)
-    lanes.states[:] = states.reshape(len(states), -1)
+    lanes = LaneBatch(robots, threads=1, states=states.reshape(len(states), -1))
     observed = np.empty((len(robots), len(actions), 9))
     for k, command in enumerate(scale_action(actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)

@@ -59,8 +59,7 @@ def swim_ahead(agent: Swimmer, model: SelfModel, actions: int, until: int) -> Ah
     Both are counted from now. A copy of the agent swims: it does not change itself.
     """
     swimmer = agent.copy()
-    lanes = LaneBatch(model.robot, threads=1)
-    lanes.states[:] = model.state[:, None]
+    lanes = LaneBatch(model.robot, threads=1, states=model.state[:, None])
     state = model.state
     then = Ahead(state, np.zeros(3, np.float32), 0.0)
     for k in range(1, until + 1):

@@ -111,8 +111,8 @@ def imagine_teacher(
     """
     numbers = np.array([gait.numbers for gait in gaits])
     network = TeacherNetwork(gaits[0].teacher, numbers, robot, previous)
-    lanes = LaneBatch(robot.take(np.zeros(len(numbers), np.intp)), threads=1)
-    lanes.states[:] = state[:, None]
+    robots = robot.take(np.zeros(len(numbers), np.intp))
+    lanes = LaneBatch(robots, threads=1, states=state[:, None])
     with np.errstate(over="ignore", invalid="ignore"):  # of robots that diverge
         for _ in range(round(seconds / (INTERVAL * TIMESTEP))):
             action = network.act(lanes.states)

@@ -116,9 +116,9 @@ class LiveSwim:
         self._servos = DelayLines(self.count, 3, first=np.zeros(3))
         self._servos.remember(longest(LONGEST_STRIKE, dt))
         self.robots = self._present()
-        lost = np.isnan(self.robots.fin_angles)  # of servos without power
-        self._angles = np.where(lost, self._angles, self.robots.fin_angles)
-        self._lanes = LaneBatch(replace(self.robots, fin_angles=self._angles), np.float64)
+        begun = self.robots.draw_angles([self._rng] * self.count)
+        self._angles = begun.fin_angles
+        self._lanes = LaneBatch(begun, np.float64)
         self.states = self._lanes.states.astype(np.float64)
         self.pilot.agent.reset({"fin_angles": self._angles.copy()})
         self.actions = np.zeros((self.count, 3))

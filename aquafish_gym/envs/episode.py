@@ -146,10 +146,7 @@ def begin_episodes(
         "fin_angles": angles,
         "current": np.array([config.current for config in distinct])[which],
     }
-    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold)
-    if any(map(len, damages)):  # servos without power leave their angles to be drawn
-        for robot, fin in np.argwhere(np.isnan(scenario.fin_angles)).tolist():
-            scenario.fin_angles[robot, fin] = rngs[robot].uniform(-math.pi, math.pi)
+    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold).draw_angles(rngs)
     return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
 
 

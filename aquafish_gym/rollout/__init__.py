@@ -8,12 +8,14 @@ or engine runs in ``one.py``, a robot at a time.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
+from aquafish_gym.physics.layout import STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout.many import swim_many
 from aquafish_gym.rollout.one import swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
@@ -76,14 +78,15 @@ def rollout(
         (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``. Without a task
         there is none.
     rngs
-        A generator for each robot, for ``memory`` and for the noise of gyroscopes; may be empty if
-        neither is drawn. Noise is drawn from copies: robots that share one observe the same noise.
+        A generator for each robot, for ``memory``, for the fin angles of servos that are dead from
+        the start, and for the noise of gyroscopes; may be empty if none of these is drawn. Noise
+        is drawn from copies: robots that share one observe the same noise.
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
     start
         States (25, B) to begin in, as ``LaneBatch.states``, of programs in the compiled engine;
-        None begins at rest, or as the scenario says. Earlier commands are 0: servos with a lag
-        stand until it is over.
+        None begins at rest, or as the scenario says. Its fin angles stand for the scenario's.
+        Earlier commands are 0: servos with a lag stand until it is over.
 
     Raises
     ------
@@ -129,6 +132,9 @@ def rollout(
             raise InvalidArgumentError(
                 "policy must not observe a goal in a task that has none; choose a task with a goal"
             )
+    if start is not None:
+        start = finite_array("start", start, (STATE_ROWS, batch))
+        scenario = replace(scenario, fin_angles=angles_of_rows(start).T)
     steps = round(seconds / TIMESTEP)
     if task is not None and steps % interval:
         raise InvalidArgumentError(
@@ -136,15 +142,18 @@ def rollout(
         )
     if memory is not None:
         memory = finite_array("memory", memory, (batch, None), flat=True)
-    needed = ever(scenario, "gyro_noise")
+    drawn = bool(np.isnan(scenario.fin_angles).any())
+    needed = drawn or ever(scenario, "gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
         needed = True
         memory = [task.begin(rng) for rng in rngs]
     if needed and len(rngs) != batch:
         raise InvalidArgumentError(
-            f"rngs must be one for each of the {batch} robots, for noise or the task's memory; "
-            f"got {len(rngs)}"
+            f"rngs must be one for each of the {batch} robots, for noise, the task's memory or the "
+            f"angles of dead servos; got {len(rngs)}"
         )
+    if drawn:
+        scenario = scenario.draw_angles(rngs)
     begun = np.zeros((batch, 0)) if memory is None else np.reshape(memory, (batch, -1))
     plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), substeps)
     check_engine(engine)

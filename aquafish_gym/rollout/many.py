@@ -29,9 +29,7 @@ def swim_many(
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     scenario = plan.scenario
-    lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
-    if start is not None:
-        lanes.states[:] = start
+    lanes = LaneBatch(scenario, dtype, plan.substeps, threads, states=start)
     loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     compiled = compiled_task(plan.task)
