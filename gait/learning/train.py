@@ -238,7 +238,9 @@ class _Learner:
         horizons = [
             n
             for n in range(1, actions)
-            if not actions % n and n * config.interval >= LEAST_ROLLOUT_STEPS
+            if not actions % n
+            and n * config.interval >= LEAST_ROLLOUT_STEPS
+            and n * config.environments > 1  # PPO takes no batch of one action
         ]
         horizon = min(horizons, default=actions)
         size = config.environments * horizon

@@ -17,7 +17,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from gait.controllers.checks import MAXIMUM_HARMONICS
-from gait.controllers.controller import INTERVAL, MAXIMUM_SEED
+from gait.controllers.controller import INTERVAL, MAXIMUM_HELD_STEPS, MAXIMUM_SEED
 from gait.controllers.network import Senses
 from gait.scores.rollout import SECONDS, step_count
 from gait.search import cma, neat
@@ -45,8 +45,14 @@ def check_interval(value: object, seconds: float) -> None:
     """Refuse an interval that does not divide an episode of ``seconds``; offer the nearest."""
     steps = round(seconds / TIMESTEP)
     interval = integer("interval", value, 1)
-    choices = [n for n in range(INTERVAL, steps // 2 + 1, INTERVAL) if not steps % n]
+    longest = min(steps // 2, MAXIMUM_HELD_STEPS)
+    choices = [n for n in range(INTERVAL, longest + 1, INTERVAL) if not steps % n]
     if interval not in choices:
+        if not choices:
+            raise InvalidArgumentError(
+                f"interval must be {INTERVAL} for episodes of {seconds:g} s: no other multiple of "
+                f"{INTERVAL} divides {steps} steps into two or more; got {interval}"
+            )
         nearest = min(choices, key=lambda n: abs(n - interval))
         raise InvalidArgumentError(
             f"interval must be a multiple of {INTERVAL} that divides {steps}, an "

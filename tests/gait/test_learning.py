@@ -242,3 +242,10 @@ def test_missing_library_is_named_with_its_remedy(
 def test_bad_setting_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
         LearningConfig(**{name: value})
+
+
+@pytest.mark.parametrize("task", ["forward", "waypoint"])
+def test_ppo_learns_from_one_robot_of_long_actions(task: Any) -> None:
+    """It takes no batch of one action."""
+    config = LearningConfig(environments=1, interval=1000, steps=1, task=task)
+    assert np.isfinite(train(None, config).score)

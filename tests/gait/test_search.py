@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -140,3 +142,46 @@ def test_variants_are_checked(place: tuple[int, ...], value: float, words: str) 
         base.variants(weights, np.zeros((2, 3)), [0.7, 0.7])
     with pytest.raises(InvalidArgumentError, match=r"controller\.clock"):
         base.variants(np.zeros((2, 3, 14)), np.zeros((2, 3)), [0.7, 51.0])
+
+
+FEW = {"restarts": 1, "generations": 1, "population": 10, "random_candidates": 2, "seconds": 0.1}
+OPTIONS: dict[str, list[Any]] = {
+    "search": [None, "cma", "neat"],
+    "paper": [False, True],
+    "controller": [None, "recurrent", "mlp", "linear"],
+    "senses": [("imu",), ("clock",), ("imu", "clock", "fins")],
+    "task": ["forward", "waypoint", "recovery"],
+    "interval": [5, 7, 10, 20, 1000, 2000],
+    "hidden": [None, 1, 3],
+    "harmonics": [None, 1, 3],
+    "restarts": [1, 2, 3],
+    "generations": [1, 3],
+    "random_candidates": [None, 1, 2],
+    "cma_generations": [None, 0, 1],
+    "poses": [0, 1],
+    "clock": [None, 0.0, 1.0],
+    "seconds": [0.01, 0.05, 0.07, 0.37, 20.0],
+}
+
+
+@pytest.mark.parametrize("two", list(combinations(OPTIONS, 2)))
+def test_settings_fit_each_other_or_are_refused_in_a_sentence(two: tuple[str, str]) -> None:
+    for values in product(*(OPTIONS[name] for name in two)):
+        with contextlib.suppress(InvalidArgumentError):
+            config = EvolveConfig(**{**FEW, **dict(zip(two, values, strict=True))})
+            assert config.plan.rows > 0
+            assert config.settings
+
+
+@pytest.mark.parametrize(("seconds", "steps"), [(0.05, 5), (0.37, 37), (0.01, 1)])
+def test_an_episode_without_another_interval_says_so(seconds: float, steps: int) -> None:
+    with pytest.raises(
+        InvalidArgumentError, match=f"interval must be 5 for episodes of .* divides {steps} steps"
+    ):
+        EvolveConfig(seconds=seconds, interval=10)
+    assert EvolveConfig(seconds=seconds).interval == 5
+
+
+def test_an_interval_is_one_that_controllers_have() -> None:
+    with pytest.raises(InvalidArgumentError, match="got 2000; the nearest is 1000"):
+        EvolveConfig(task="waypoint", interval=2000)
