@@ -34,7 +34,7 @@ from aquafish_gym.utils.validation import (
     utf8_text,
 )
 from gait.controllers.controller import INTERVAL, Controller
-from gait.scores.rollout import SECONDS, ZERO_POSE, Swim, step_count
+from gait.scores.rollout import SECONDS, Swim, sampling_steps, step_count
 
 NO_DAMAGE = Damage()
 
@@ -150,7 +150,11 @@ class Film(Given):
         damage: Damage,
         label: str,
     ) -> FilmedSwim:
-        """Return the swim of a fish from the zero pose; without a body, of the controller's own."""
+        """Return the swim of a fish; without a body, of the controller's own.
+
+        It begins in the zero pose, except for fins that are seized at an angle, or whose servos are
+        dead: their angles are random.
+        """
         body = body or controller.morphology
         if body is None:
             raise InvalidArgumentError(
@@ -158,30 +162,36 @@ class Film(Given):
             )
         rng = np.random.default_rng([self.seed, number])
         damage = damage.sample(rng)
+        robot = damage.edit(Scenario.create(body), controller.interval).draw_angles([rng])
         (path,) = rollout(
-            [controller.policy(ZERO_POSE)],
-            damage.edit(Scenario.create(body), INTERVAL),
+            [controller.policy(robot.fin_angles[0])],
+            robot,
             engine=check_engine(self.engine),
             seconds=step_count(self.seconds) * TIMESTEP,
-            interval=INTERVAL,
+            interval=sampling_steps(controller),
             rngs=[rng],
         ).paths
         words = label or ("undamaged" if not damage else str(damage))
-        return filmed(words, path, body, damage)
+        return filmed(words, path, body, damage, controller.interval)
 
 
 def filmed(
-    label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = NO_DAMAGE
+    label: str,
+    swim: Swim | RolloutPath,
+    body: Morphology,
+    damage: Damage = NO_DAMAGE,
+    hold: int = INTERVAL,
 ) -> FilmedSwim:
     """Return a film of a recorded swim, of a body with its damage.
 
-    A fin is broken if it has another size or its servo does not follow its command.
+    A fin is broken if it has another size or its servo does not follow its command. ``hold`` is for
+    how many steps of 0.01 s an action was held.
     """
     utf8_text("label", label)
     if not isinstance(swim, Swim | RolloutPath):
         raise InvalidArgumentError(f"swim must be a recorded swim; got {brief(swim)}")
     instance("body", body, Morphology)
-    scenario = instance("damage", damage, Damage).edit(Scenario.create(body), INTERVAL)
+    scenario = instance("damage", damage, Damage).edit(Scenario.create(body), hold)
     bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
     steps = round(float(swim.time[-1]) / TIMESTEP) + 1
     for begin, _, change in scenario.segments(steps):

@@ -36,6 +36,7 @@ SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000
 MAXIMUM_BYTES = 64 * 2**20  # of the largest network's file
 MAXIMUM_SEED = 2**64 - 1
+MAXIMUM_HELD_STEPS = 1000  # physics steps that an action may be held for
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
 OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
@@ -132,13 +133,14 @@ class Controller:
         instance("controller.morphology", self.morphology, Morphology)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         seed = integer("controller.seed", self.seed, 0, MAXIMUM_SEED)
+        interval = integer("controller.interval", self.interval, 1, MAXIMUM_HELD_STEPS)
         vars(self).update(
-            weights=weights, bias=bias, response=response, layers=layers, clock=clock, seed=seed
-        )
+            weights=weights, bias=bias, response=response, layers=layers, clock=clock, seed=seed,
+            interval=interval,
+        )  # fmt: skip
         if self.sample is not None:
             instance("controller.sample", self.sample, str)
         one_of("controller.output", self.output, ("tanh", "clip"))
-        integer("controller.interval", self.interval, 1, 1000)
 
     def variants(self, weights: ArrayLike, bias: ArrayLike, clock: ArrayLike) -> list[Controller]:
         """Return P controllers with other numbers, which are checked together.
@@ -248,7 +250,9 @@ class Controller:
         """Return a policy that steers one robot through one swim.
 
         It reads the first nine entries of an observation, and the last three if it senses a goal.
-        If it senses its fins, it assumes these initial angles (3,) in rad and servo gains (3,).
+        If it senses its fins, it assumes these initial angles (3,) in rad and servo gains (3,). It
+        must be called whenever ``interval`` is over, and may be called in between: then it returns
+        the action that it holds. Otherwise it raises InvalidArgumentError.
         """
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         gains = finite_array("servo_gain", servo_gain, (3,))
@@ -256,15 +260,26 @@ class Controller:
         hold = self.interval * TIMESTEP
         needed = _IMU_ENTRIES + 3 * self.senses.goal
         action = np.zeros(3)
-        due = -math.inf
+        due = last = -math.inf
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
-            nonlocal action, due
+            nonlocal action, due, last
             values = finite_array("observation", observation, (None,))
             if len(values) < needed:
                 raise InvalidArgumentError(
                     f"observation must have at least {needed} numbers; got {len(values)}"
                 )
+            if time < last:
+                raise InvalidArgumentError(
+                    "time must not go back in the swim of a policy; make another policy for "
+                    f"another swim; got {time:g} s after {last:g} s"
+                )
+            if math.isfinite(due) and time > due + TIMESTEP / 2:
+                raise InvalidArgumentError(
+                    f"time must include {due:g} s, as the controller holds an action for "
+                    f"{hold:g} s; got {time:g} s after {last:g} s"
+                )
+            last = time
             if time >= due - TIMESTEP / 2:
                 due = time + hold
                 entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])

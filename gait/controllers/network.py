@@ -2,7 +2,7 @@
 
 :func:`respond` is the only statement of the controllers' inputs and of their network. It runs on
 plain floats (one robot) and in the compiled time loop, where a number is a register of many robots;
-:func:`observe` runs on rows of numbers too, for learners. So nothing here branches on data, and
+:func:`put_inputs` runs on rows of numbers too, for learners. So nothing here branches on data, and
 nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 """
 
@@ -99,9 +99,9 @@ def observe_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) -
     """Put up, north and gyro into nine entries of ``values``.
 
     Attitude comes as direction cosines rather than as angles: they are bounded, never jump, and do
-    not depend on which of its two triples (see imu.py) the log is in. They are the world's
-    vertical, z, and its y, where the robot faces at the start, in body axes. The gyroscope's rad/s
-    about body axes are 1 at ``GYRO_INPUT_SCALE``.
+    not depend on which of its two triples (see physics/attitude.py) the log is in. They are the
+    world's vertical, z, and its y, where the robot faces at the start, in body axes. The
+    gyroscope's rad/s about body axes are 1 at ``GYRO_INPUT_SCALE``.
     """
     for i in range(3):
         put(values, at + i, up[i])

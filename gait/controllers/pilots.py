@@ -6,8 +6,8 @@ So ``gait.swim`` and ``gait.evaluate`` take any of them.
 from __future__ import annotations
 
 import copy
-import inspect
 from collections.abc import Callable
+from numbers import Real
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
@@ -15,11 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.array_types import Floats, Observations
-from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.inputs import reckoned
-from gait.controllers.policy import ControllerLike, HasPolicy, Policy, new_policy
+from gait.controllers.policy import (
+    ControllerLike,
+    HasPolicy,
+    Policy,
+    TimeArgument,
+    new_policy,
+    time_argument,
+)
 
 KINDS = (
     "a function of observations (E, k), or of an observation and the time; an object with "
@@ -71,31 +78,21 @@ class Pilot(Protocol):
 def own_interval(controller: object) -> int | None:
     """Return for how many steps of 0.01 s a controller holds its actions; None if unspecified."""
     for name in ("interval", "hold"):
-        if isinstance(steps := getattr(controller, name, None), int):
-            return steps
+        if isinstance(steps := getattr(controller, name, None), Real):
+            return integer(f"{name} of the controller", steps, 1)
     return None
 
 
-def takes_time(controller: object, *, optional: bool = False) -> TypeGuard[ControllerLike]:
+def takes_time(controller: object) -> TypeGuard[ControllerLike]:
     """Return whether a controller is a policy of one robot: of an observation and the time.
 
-    With ``optional``, so is any function that is not known to take one argument only: one with a
-    default for the time, with ``*args``, or without a signature.
+    So is every function that can take the time; see :func:`gait.controllers.policy.time_argument`.
     """
     if isinstance(controller, Agent | Model):
         return False
     if isinstance(controller, HasPolicy):
         return True
-    if not callable(controller):
-        return False
-    try:
-        given = inspect.signature(controller).parameters.values()
-    except (TypeError, ValueError):
-        return optional
-    by_place = [p for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if optional:
-        return len(by_place) != 1 or any(p.kind is p.VAR_POSITIONAL for p in given)
-    return sum(p.default is p.empty for p in by_place) > 1
+    return callable(controller) and time_argument(controller) is not TimeArgument.NONE
 
 
 class Beliefs(NamedTuple):
@@ -278,11 +275,13 @@ class _Policies:
         self._controller = controller
         self._dt = dt
 
-    def reset(self, info: dict[str, Any]) -> None:
-        self._policies = [new_policy(self._controller) for _ in info["fin_angles"]]
+    def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
+        self._policies: list[Policy] = []
         self._steps = 0
 
     def act(self, observations: Observations) -> ArrayLike:
+        if not self._policies:
+            self._policies = [new_policy(self._controller) for _ in observations]
         time = self._steps * self._dt
         self._steps += 1
         pairs = zip(self._policies, observations.astype(float), strict=True)

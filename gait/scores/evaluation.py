@@ -108,7 +108,8 @@ def evaluate(
         A function of observations (E, k) that returns actions (E, 3); a ``Controller``, which is
         given the true initial fin angles; a model of stable-baselines3 or another object with
         ``predict``; an object with ``act`` (see :class:`gait.controllers.pilots.Agent`); or a
-        policy of one robot, as of :func:`gait.swim`, called once a step.
+        policy of one robot, as of :func:`gait.swim`, called once a step. A function that can take
+        the time, as its second argument or as its keyword argument ``time``, is such a policy.
     env, episodes, options
         An environment id, the number E of its robots, which is 100 by default, and its options
         such as ``damage="random:severe"``, or a list of E damages, one for each episode; or a

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -59,7 +60,10 @@ _GAIT = 0x67616974
 
 @dataclass(frozen=True)
 class Swim:
-    """One swim, sampled at its start and after each command of 0.05 s.
+    """One swim, sampled at its start and after each command.
+
+    The swim of a :class:`gait.Controller` is sampled every 0.05 s, or more often if its interval is
+    no multiple of that.
 
     Examples
     --------
@@ -271,7 +275,8 @@ def swim(
     Parameters
     ----------
     controller
-        A policy: a function of an observation and the time (see ``gait.Policy``), or an object
+        A policy: a function of an observation and the time (see ``gait.Policy``; one that can take
+        the time is given it, even if it has a default), or an object
         with a method ``policy`` that returns one, such as a :class:`gait.Controller`. Or what
         acts in an environment: a function of observations, an object with ``act``, or with
         ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
@@ -306,8 +311,8 @@ def swim(
     steps = held_steps(controller, interval)
     if isinstance(controller, Controller):
         policy = controller.policy(assumed, gain)
-        steps = INTERVAL
-    elif takes_time(controller, optional=True):
+        steps = sampling_steps(controller)
+    elif takes_time(controller):
         policy = new_policy(controller)
     else:
         pilot = make_pilot(controller, steps, steps * TIMESTEP, "controller")
@@ -323,11 +328,19 @@ def swim(
     return Swim(**vars(path), current=config.current)
 
 
+def sampling_steps(controller: Controller) -> int:
+    """Return from how many to how many steps of 0.01 s the path of a controller is sampled.
+
+    At most the 5 of an action by default, of which its own interval must be a multiple.
+    """
+    return math.gcd(INTERVAL, controller.interval)
+
+
 def held_steps(controller: object, interval: int | None = None) -> int:
     """Return for how many steps of 0.01 s an action of a controller is held; see ``swim``."""
     own = own_interval(controller)
     if interval is None:
-        usual = INTERVAL if takes_time(controller, optional=True) else FRAME_SKIP
+        usual = INTERVAL if takes_time(controller) else FRAME_SKIP
         return usual if own is None else own
     steps = integer("interval", interval, 1, MAXIMUM_INTERVAL)
     if own not in (None, steps):

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from gait.__main__ import main
-from gait.film import filmed
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.film import Film, filmed
+from gait.scores.evaluation import evaluate
 from gait.scores.rollout import swim
 from gait_fakes import make_controller
 
@@ -82,3 +86,47 @@ def test_a_refused_film_leaves_no_folder(controller_file: Path, tmp_path: Path) 
     out = tmp_path / "new" / "film.webp"
     assert main(["film", str(controller_file), "--out", str(out), "--damage", "tail:missing"]) == 2
     assert not out.parent.exists()
+
+
+def test_robots_with_dead_servos_swim_a_finite_path(controller_file: Path) -> None:
+    severe = Damage.parse("random:severe")
+    controller = Controller.load(controller_file)
+    for seed in range(200):
+        command = Film((controller_file,), seconds=0.1, engine="numba", seed=seed)
+        swum = command._swim(0, controller, None, severe, "")
+        assert np.isfinite(swum.position).all(), seed
+        assert np.isfinite(swum.fin_angles).all(), seed
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+@pytest.mark.parametrize("kind", ["film", "replay"])
+def test_a_dead_servo_is_filmed(
+    kind: str,
+    engine: str,
+    controller_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "dead.webp"
+    words = ["--out", str(out), *SMALL[2:8]] if kind == "film" else ["--html", str(out)]
+    given = ["--damage", "caudal:dead", "--seconds", "1", "--engine", engine]
+    assert main(["film", str(controller_file), *given, *words]) == 0
+    assert out.exists()
+    assert "nan" not in capsys.readouterr().out
+
+
+def test_a_film_begins_where_the_controller_believes_its_fins_to_be(controller_file: Path) -> None:
+    """As in an environment, whose agents are given the true angles."""
+    senses = Senses(fins=True)
+    weights = np.zeros((3, len(senses.names) + 3))
+    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names)))
+    feeling = Controller(
+        weights, np.zeros(3), np.ones(3), 0.7, NOMINAL, 0, senses=senses, interval=20
+    )
+    damage = Damage.parse("caudal:seized=1.5; left_pectoral:length=0.5@0.5")
+    film = Film((controller_file,), seconds=20.0, engine="numba")
+    swum = film._swim(0, feeling, None, damage, "").position[-1, 1]
+    played = evaluate(
+        feeling, episodes=1, damage=damage, fin_angles="zero", frame_skip=20, dtype="float64"
+    )
+    assert swum == pytest.approx(played.y_position[-1, 0], abs=1e-4)

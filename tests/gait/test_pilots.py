@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
+import numba as nb
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
 from aquafish.online import SelfModelAgent
-from aquafish_gym import Morphology
+from aquafish.viewer.live import LiveSwim, gait_pilot, pilot_of
+from aquafish_gym import Damage, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, evaluate, swim, swim_all
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.network import Senses
-from gait.scores.transfer import TransferConfig, transfer
+from gait.controllers.policy import TimeArgument, time_argument
+from gait.film import Film
+from gait.scores.rollout import held_steps
+from gait.scores.transfer import TransferConfig, score, transfer
 
 ACTION = (0.2, -0.4, 1.0)
 
@@ -208,3 +217,171 @@ def test_as_many_episodes_as_a_batch_has_robots() -> None:
         evaluate(Acting(), envs, episodes=100)
     with pytest.raises(InvalidArgumentError, match="env must be of type VectorEnv"):
         evaluate(Acting(), gym.make("AquaFish-v0", engine="numba"))  # type: ignore[arg-type]
+
+
+def random_controller(interval: int) -> Controller:
+    """Return a random linear controller that also senses its fins."""
+    senses = Senses(fins=True)
+    rng = np.random.default_rng(interval)
+    weights = np.hstack([rng.normal(size=(3, len(senses.names))), np.zeros((3, 3))])
+    body = Morphology.nominal()
+    return Controller(
+        weights, rng.normal(size=3), np.ones(3), 0.7, body, 0, senses=senses, interval=interval
+    )
+
+
+@pytest.mark.parametrize("interval", range(1, 21))
+def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int) -> None:
+    """4.2 s are no whole number of most intervals."""
+    controller = random_controller(interval)
+    (expected,) = swim_all([controller], None, seconds=4.2, dtype="float64")[0]
+    for engine in ("numba", "pybullet"):
+        found = swim(controller, None, engine=engine, seconds=4.2)
+        assert found.distance == pytest.approx(expected, abs=1e-6)
+        assert found.time[-1] == pytest.approx(4.2)
+    agent = ControllerAgent(controller)
+    assert swim(agent, None, engine="numba", seconds=4.2).distance == pytest.approx(
+        expected, abs=1e-4
+    )
+    film = Film((), engine="numba", seconds=4.2)._swim(0, controller, None, Damage(), "")
+    assert film.position[-1, 1] == pytest.approx(expected, abs=1e-6)
+    scored = score(controller, None, [(0.0, 0.0, 0.0)], "pybullet", 4.2)
+    assert scored.random_distances[0] == pytest.approx(expected, abs=1e-6)
+    viewed = LiveSwim(gait_pilot(controller))
+    viewed.advance(interval)
+    assert viewed.held <= interval
+    if 2000 % interval:
+        with pytest.raises(InvalidArgumentError, match="frame_skip must divide"):
+            evaluate(controller, episodes=1, frame_skip=interval)
+    else:
+        actions = 400 // interval  # for longer its float32 observations count
+        options: Any = {"frame_skip": interval, "fin_angles": "zero", "dtype": "float64"}
+        (far,) = swim_all([controller], None, seconds=0.01 * interval * actions, dtype="float64")[0]
+        played = evaluate(controller, episodes=1, max_episode_steps=actions, **options)
+        assert played.y_position[-1, 0] == pytest.approx(far, abs=1e-3)
+    with pytest.raises(InvalidArgumentError, match=f"frame_skip must be {interval}, the"):
+        evaluate(controller, episodes=1, frame_skip=40)
+
+
+def test_a_policy_that_is_called_too_seldom_or_again_is_refused() -> None:
+    """An environment of another frame_skip would swim another gait."""
+    policy = random_controller(7).policy()
+    assert policy(np.ones(9), 0.0) is policy(np.zeros(9), 0.05)
+    with pytest.raises(InvalidArgumentError, match=r"time must include 0\.07 s, as"):
+        policy(np.zeros(9), 0.1)
+    with pytest.raises(InvalidArgumentError, match="make another policy for another swim"):
+        policy(np.zeros(9), 0.0)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.int32])
+def test_an_interval_of_numpy_is_an_interval(kind: Any) -> None:
+    controller = replace(random_controller(7), interval=kind(7))
+    assert type(controller.interval) is int
+    agent = Acting()
+    agent.interval = kind(7)  # type: ignore[attr-defined]
+    for one in (controller, agent):
+        with pytest.raises(InvalidArgumentError, match="frame_skip must be 7"):
+            evaluate(one, episodes=1)
+    agent.interval = 0.07  # type: ignore[attr-defined]
+    with pytest.raises(InvalidArgumentError, match="interval of the controller must be a whole"):
+        evaluate(agent, episodes=1)
+
+
+class Timed:
+    """Functions of all kinds that take the time, and note it."""
+
+    def __init__(self) -> None:
+        self.times: list[Any] = []
+
+    def note(self, observation: Any, time: Any) -> Any:
+        assert np.shape(observation) == (9,)
+        self.times.append(time)
+        return ACTION
+
+    def __call__(self, observation: Any, time: Any = 7.0) -> Any:
+        return self.note(observation, time)
+
+    def policy_like(self, observation: Any, clock: Any = 7.0) -> Any:
+        return self.note(observation, clock)
+
+    def named(self, observation: Any, *, time: Any = 7.0) -> Any:
+        return self.note(observation, time)
+
+    def needed(self, observation: Any, *, time: Any) -> Any:
+        return self.note(observation, time)
+
+    def more(self, scale: Any, observation: Any, time: Any = 7.0) -> Any:
+        assert scale == 2.0
+        return self.note(observation, time)
+
+
+@nb.njit  # type: ignore[untyped-decorator]
+def compiled_policy(observation: Any, time: Any = 7.0) -> Any:  # noqa: ARG001
+    return np.array([0.2, -0.4, min(time, 1.0)])
+
+
+TIMED: dict[str, Callable[[Timed], Any]] = {
+    "function": lambda timed: lambda observation, time: timed.note(observation, time),
+    "default": lambda timed: lambda observation, time=7.0: timed.note(observation, time),
+    "another name": lambda timed: timed.policy_like,
+    "three arguments": lambda timed: lambda o, t=7.0, scale=1.0: timed.note(o, t * scale),
+    "arguments": lambda timed: lambda *given: timed.note(*given),
+    "keyword": lambda timed: timed.named,
+    "needed keyword": lambda timed: timed.needed,
+    "keywords": lambda timed: lambda observation, **given: timed.note(observation, **given),
+    "object": lambda timed: timed,
+    "partial": lambda timed: functools.partial(timed.more, 2.0),
+    "partial by name": lambda timed: functools.partial(timed.named),
+    "policy()": lambda timed: SimpleNamespace(policy=lambda: timed.named),
+}
+
+
+@pytest.mark.parametrize("kind", TIMED)
+def test_a_function_that_can_take_the_time_is_given_it_everywhere(kind: str) -> None:
+    timed = Timed()
+    steer = TIMED[kind](timed)
+    swim(steer, None, engine="numba", seconds=0.6, interval=20)
+    np.testing.assert_allclose(timed.times, [0.0, 0.2, 0.4])
+    timed.times.clear()
+    evaluate(steer, episodes=1, max_episode_steps=3)
+    np.testing.assert_allclose(timed.times, [0.0, 0.2, 0.4])
+    timed.times.clear()
+    LiveSwim(pilot_of(steer)).advance(3)
+    np.testing.assert_allclose(timed.times, [0.0, 0.05, 0.1])
+    assert held_steps(steer) == 5
+
+
+def test_functions_in_machine_code_are_given_the_time() -> None:
+    plain = swim(lambda _, time: (0.2, -0.4, min(time, 1.0)), None, engine="numba", seconds=2.0)
+    assert swim(compiled_policy, None, engine="numba", seconds=2.0).distance == plain.distance
+    one = evaluate(compiled_policy, episodes=2).returns
+    two = evaluate(lambda _, time: (0.2, -0.4, min(time, 1.0)), episodes=2).returns
+    np.testing.assert_array_equal(one, two)
+    assert time_argument(max) is TimeArgument.SECOND  # it has no signature
+
+
+@pytest.mark.parametrize(
+    "steer",
+    [
+        lambda observations: np.tile(ACTION, (len(observations), 1)),
+        lambda observations, *, scale=1.0: scale * np.tile(ACTION, (len(observations), 1)),
+        functools.partial(
+            lambda o, time: np.tile(ACTION, (int(time // 7.0) * len(o), 1)), time=7.0
+        ),
+    ],
+)
+def test_other_functions_are_of_the_observations_alone(steer: Any) -> None:
+    assert time_argument(steer) is TimeArgument.NONE
+    assert held_steps(steer) == 20
+    plain = evaluate(Acting(), episodes=2).returns
+    np.testing.assert_array_equal(evaluate(steer, episodes=2).returns, plain)
+    assert swim(steer, None, engine="numba", seconds=1.0).distance == pytest.approx(
+        swim(Acting(), None, engine="numba", seconds=1.0).distance
+    )
+
+
+@pytest.mark.parametrize("wrong", [lambda: ACTION, lambda o, t, more: ACTION])  # noqa: ARG005
+def test_a_function_of_other_arguments_is_refused(wrong: Any) -> None:
+    for door in (lambda: swim(wrong, None, engine="numba"), lambda: evaluate(wrong, episodes=1)):
+        with pytest.raises(InvalidArgumentError, match="called with observations alone, or with"):
+            door()
