@@ -95,4 +95,5 @@ def new_policy(controller: ControllerLike) -> Policy:
         )
     if takes is TimeArgument.KEYWORD:
         return lambda observation, time: policy(observation, time=time)
-    return policy
+    second: Policy = policy
+    return second
