@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from eea.core.config import PaperConfig
 from eea.study.presets import FIGURE_ARMS
 
 # The paper's arms in its order, and the names of their figures; other arms follow, by name.
@@ -33,6 +35,20 @@ def arm_label(arm: str, models: int | None = None) -> str:
     """Return an arm's name for readers; ``models`` is its population, if known."""
     label = ARM_LABELS.get(arm, arm)
     return arm if "{models}" in label and models is None else label.format(models=models)
+
+
+def changed_choices(settings: Mapping[str, Any]) -> str:
+    """Return an arm's choices that are not the defaults, such as ``, best 5``, for its name.
+
+    ``settings`` are those of study.json. Sizes of searches, which presets change, are left out.
+    """
+    usual = PaperConfig().to_dict()
+    return "".join(
+        f", {spoken(name)} {value}"
+        for part in ("exploration", "genetic", "in_band")
+        for name, value in settings.get(part, {}).items()
+        if value != usual[part].get(name, value) and name not in ("population", "generations")
+    )
 
 
 def angle_label(label: str, condition: str) -> str:

@@ -24,7 +24,7 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
-from eea.study.arms import arm_label, arm_order, spoken
+from eea.study.arms import arm_label, arm_order, changed_choices, spoken
 from eea.study.replicate import RUNS_FOLDER, ReplicateKey
 from eea.study.study import read_description, replicate_keys, target_of
 
@@ -127,6 +127,7 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
         target=_in_words(body, damage, RealityGap(**study.get("gap", {}))),
         labels={
             arm: arm_label(arm, settings.get("estimation", {}).get("population"))
+            + changed_choices(settings)
             for arm, settings in arms.items()
         },
         conditions={arm: settings["condition"] for arm, settings in arms.items()},

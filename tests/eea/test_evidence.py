@@ -6,6 +6,8 @@ import json
 import pathlib
 import re
 
+from aquafish_gym.runs.command_line import parse
+from eea.cli.study import StudyCommand
 from eea.study.arms import MINUS, arm_label, signed
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
@@ -37,6 +39,20 @@ def test_the_maps_evidence_is_what_the_ablations_measured() -> None:
         if "`: " in part
     )
     assert written == {name: ", ".join(effects) for name, effects in measured().items()}
+
+
+def test_every_command_and_option_that_the_map_names_is_one_of_this_version() -> None:
+    text = (DOCS / "paper_map.md").read_text()
+    commands = re.findall(r"^aquafish study (.*)$", text, re.MULTILINE)
+    words = re.findall(r"`(--(?:in-band|genetic|exploration|out-of-band)\.[^`]*)`", text)
+    assert len(words) >= 12
+    assert commands
+    for command in commands:
+        parse(StudyCommand, "study", command.split()).study()
+    plain = parse(StudyCommand, "study", ["--figure", "7", "9"]).study()
+    for word in words:
+        study = parse(StudyCommand, "study", ["--figure", "7", "9", *word.split()]).study()
+        assert study.arms != plain.arms, word
 
 
 def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:

@@ -60,6 +60,18 @@ def test_runs_and_their_table_alone_give_the_same_bytes(folder, tmp_path):
             assert path.read_bytes() == (folder / path.relative_to(other)).read_bytes(), path
 
 
+def test_an_arm_is_named_by_its_choices(folder, tmp_path):
+    other = shutil.copytree(folder, tmp_path / "s")
+    arms = json.loads((other / "study.json").read_text())["arms"]
+    assert set(read_study(other).labels.values()) == {"Ideal", "Out-of-Band", "None"}
+    arms["ideal"] |= {"genetic": {"elites": 3, "crossover": "two-point", "coding": "gray"}}
+    arms["none"] |= {"exploration": {"population": 6, "initial_angles": "random"}}
+    change(other, arms=arms)
+    labels = read_study(other).labels
+    assert labels["ideal"] == "Ideal, elites 3, crossover two-point"
+    assert labels["none"] == "None, initial angles random"
+
+
 def test_the_table_holds_every_round(folder):
     rows = list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
     assert len(rows) == 3 * 2 * 5 * 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,18 @@ def test_a_study_is_extended_by_seeds_and_arms(tiny, tmp_path):
     }
     assert files(tmp_path)["runs/none/16/0.json"] == begun["runs/none/16/0.json"]
     assert files(tmp_path)[NAMES[1]] == files(tiny)[NAMES[1]]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_study_of_other_code_is_refused(tiny, tmp_path, capsys, monkeypatch):
+    out = shutil.copytree(tiny, tmp_path / "study")
+    before = files(out)
+    monkeypatch.setattr("eea.study.study.code_hash", lambda _: "0123456789abcdef")
+    assert main([*TINY, "--replicates", "3", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert re.search("holds a study that other code made .*here 0123.*choose another folder", said)
+    assert files(out) == before
+    assert main(["plot", str(out)]) == 0
 
 
 @pytest.mark.usefixtures("undrawn")
