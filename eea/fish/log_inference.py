@@ -21,11 +21,11 @@ from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import check_groups, fish_robot
 from eea.fish.log_checks import LogCheck, check_log
-from eea.fish.prior import check_belief, since
+from eea.fish.prior import check_belief, noise_now, since
 from eea.fish.readings import STEP_TIME_TOLERANCE
 from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
 from eea.fish.swim_log import SwimLog, shown
-from eea.fish.windows import Start, log_windows
+from eea.fish.windows import LogWindows, Start, log_windows
 from eea.joint.change_detection import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
@@ -66,7 +66,7 @@ def infer_log(
     prior
         The earlier body: a posterior, or a known body. Each fin may have changed since, with a
         chance of 0.1; see ``eea.fish.prior``. The noise is then taken from ``joint``, or from the
-        posterior. None: no prior knowledge.
+        posterior or, where it is noisier, from the log. None: no prior knowledge.
     start
         The state at the first row of each trial, if it is known; the water is still.
     check
@@ -112,8 +112,8 @@ def infer_log(
     body = None if truth is None else Morphology.coerce(truth).to_array()
     fish = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
-        config = replace(config, noise=_known_noise(config, prior))
         fish = since(fish, prior)
+        config = replace(config, noise=_known_noise(config, prior, windows))
     found: list[LogCheck] = []
 
     def doubt(plain: Optima) -> bool:
@@ -139,14 +139,18 @@ def infer_log(
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)
 
 
-def _known_noise(config: FitConfig, prior: JointPosterior | Morphology) -> float:
+def _known_noise(
+    config: FitConfig, prior: JointPosterior | Morphology, windows: LogWindows
+) -> float:
     """Return the noise, rad/s, for a swim with a prior."""
-    if config.noise is None and not isinstance(prior, JointPosterior):
+    if config.noise is not None:
+        return config.noise
+    if not isinstance(prior, JointPosterior):
         raise InvalidArgumentError(
             "joint must have the gyroscope's noise where prior is a body, since an unknown noise "
             "would explain any change; got noise=None"
         )
-    return config.noise or prior.sigma  # type: ignore[union-attr]
+    return noise_now(prior, windows)[0]
 
 
 class Watched(NamedTuple):
@@ -186,7 +190,8 @@ def watch_swim(
     """Compare a swim with the posterior of a body, one window of a second at a time.
 
     A window has at least 16 readings, so it is longer in a slow log.
-    ``eea.joint.change_detection`` describes the test.
+    ``eea.joint.change_detection`` describes the test. The noise is that of the posterior's trials,
+    or of the log where it is noisier.
 
     Parameters
     ----------
@@ -210,8 +215,8 @@ def watch_swim(
     Raises
     ------
     ConfigurationError, InvalidArgumentError
-        If an argument is wrong, ``belief`` is no posterior of this fish, a trial is too short, or
-        no servo moves.
+        If an argument is wrong, ``belief`` is no posterior of this fish, a trial is too short, no
+        servo moves, or the noise is unknown: that of trials without noise, and of a sparse log.
 
     Examples
     --------
@@ -227,7 +232,8 @@ def watch_swim(
     check_belief("belief", belief, joint)
     if not windows.series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
-    detector = ChangeDetector(joint, belief, alarm, seed)
+    sigma, samples = noise_now(belief, windows)
+    detector = ChangeDetector(joint, replace(belief, sigma=sigma, samples=samples), alarm, seed)
     looks: list[WindowTest] = []
     for i, gyro in enumerate(windows.gyro):
         weight = None if windows.weight is None else windows.weight[i]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
+from scipy.special import chdtrc
 
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
@@ -15,6 +16,7 @@ from eea.core.checks import ConfigurationError, choice, real
 from eea.fish.hypotheses import SERVO, fault_hypothesis
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
+from eea.fish.windows import LogWindows
 from eea.joint.combinations import joined
 from eea.joint.hypothesis_posterior import HypothesisPosterior
 from eea.joint.joint_posterior import JointPosterior
@@ -29,6 +31,10 @@ from eea.statistics.posterior import Mode
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
 ANYWHERE = Normal(0.0, math.inf)
+#: rad/s: a good gyroscope's, at 100 readings a second. Less noise is not counted with, since
+#: simulations are not exact where readings are between their steps.
+LEAST_GYRO_NOISE = 1e-3
+LOUDER_P_VALUE = 0.01  # below it a log's noise is louder than the posterior's
 UNCHANGED_NAME = "nothing has changed"
 
 
@@ -95,6 +101,32 @@ def check_belief(argument: str, belief: object, robot: Robot) -> None:
             f"{argument} must be a posterior of this fish, which has {len(robot.parameters)} "
             f"sizes; it has {len(found)}"
         )
+
+
+def noise_now(belief: JointPosterior, windows: LogWindows) -> tuple[float, int]:
+    """Return the sd of a log's noise, rad/s, and the number of samples that tell it; 0 if given.
+
+    The noise is that of the posterior, unless the log itself is noisier: the trials of a posterior
+    may have had none, as in a simulation, or another gyroscope's.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the trials had no noise, and the log's readings are too far apart to tell its own.
+    """
+    found = windows.noise
+    if found is None and belief.samples and belief.sigma < LEAST_GYRO_NOISE:
+        raise InvalidArgumentError(
+            f"belief must know the gyroscope's noise: its trials had none ({belief.sigma:.1g} "
+            "rad/s), and the log has too few readings while a command stays the same to tell it; "
+            "infer with FitConfig(noise=0.01), --noise 0.01 of infer or --joint.noise 0.01 of run"
+        )
+    known = max(belief.sigma, LEAST_GYRO_NOISE)
+    if found is not None:
+        sigma, samples = found
+        if chdtrc(samples, samples * (sigma / known) ** 2) < LOUDER_P_VALUE:
+            return found
+    return known, belief.samples
 
 
 def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:

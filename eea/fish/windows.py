@@ -22,7 +22,12 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
 from eea.core.angles import Floats
-from eea.fish.readings import STEP_TIME_TOLERANCE, GyroReadings, readings_of
+from eea.fish.readings import (
+    DIFFERENCE_ORDER,
+    STEP_TIME_TOLERANCE,
+    GyroReadings,
+    readings_of,
+)
 from eea.fish.stamps import new_readings, restamped
 from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, shown
 from eea.joint.observed import Observed
@@ -34,6 +39,12 @@ MAXIMUM_WINDOW_SAMPLES = {False: 1024, True: 512}
 MOST_WINDOWS = 8  # windows of a swim; more add time and little information
 CUBIC_POINTS = 4
 LONGEST_READING_SECONDS = 0.2  # between the readings that early stages of a search compare
+# Fourth differences of readings within it hold noise and, to 2e-4 rad/s, no swimming, while the
+# command stays the same.
+STEADY_SECONDS = 0.201
+FEWEST_STEADY = 100  # differences that tell the noise; from fewer it is too uncertain for a test
+MEDIAN_SQUARE = 2.366  # the median of the sum of three squares of normal numbers
+INDEPENDENT_SHARE = 0.7  # of overlapping differences, for the variance of their median square
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +113,39 @@ class LogWindows:
         ends = TIMESTEP * np.arange(1, self.time.shape[1] + 1)
         near = np.abs(self.time - ends) < STEP_TIME_TOLERANCE
         return bool((near if self.weight is None else near | (self.weight == 0.0)).all())
+
+    @cached_property
+    def noise(self) -> tuple[float, int] | None:
+        """The sd of the gyroscope's noise, rad/s, and the number of samples that tell it.
+
+        Differences of the fourth order, divided by those of the times, leave noise alone; their
+        median ignores outliers. Readings count while the command stays the same. None: there are
+        too few, or they are too far apart.
+        """
+        points = DIFFERENCE_ORDER + 1
+        if self.gyro.shape[1] < points:
+            return None
+        view = np.lib.stride_tricks.sliding_window_view
+        time = view(self.time, points, axis=1)
+        gyro = view(self.gyro, points, axis=1)  # (E, T', 3, points)
+        weight = np.ones(self.time.shape) if self.weight is None else self.weight
+        weight = view(weight, points, axis=1)
+        seconds = np.where((weight > 0.0).all(axis=2), time[:, :, -1] - time[:, :, 0], np.inf)
+        new = (np.diff(self.series, axis=1, prepend=self.series[:, :1]) != 0.0).any(axis=2)
+        changes = np.cumsum(new, axis=1)
+        steps = np.ceil((time[:, :, [0, -1]] - STEP_TIME_TOLERANCE) / TIMESTEP).astype(np.intp) - 1
+        places = np.clip((self.begun + steps) // self.interval, 0, changes.shape[1] - 1)
+        first, last = np.moveaxis(changes[np.arange(len(changes))[:, None, None], places], 2, 0)
+        used = (first == last) & (seconds < STEADY_SECONDS)
+        count = int(used.sum())
+        if count < FEWEST_STEADY:
+            return None
+        apart = time[used][:, :, None] - time[used][:, None, :]
+        factors = 1.0 / np.where(np.eye(points, dtype=np.bool_), 1.0, apart).prod(axis=2)
+        factors /= np.linalg.norm(factors / weight[used], axis=1, keepdims=True)
+        left = np.einsum("np,nap->na", factors, gyro[used])
+        square = float(np.median((left**2).sum(axis=1))) / MEDIAN_SQUARE
+        return square**0.5, int(INDEPENDENT_SHARE * count)
 
     @property
     def observed(self) -> Observed:

@@ -33,7 +33,7 @@ from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import UNIFORM_PRECISION, Parameters
 from eea.joint.problem import Prior
-from eea.joint.recorded import infer, known_noise
+from eea.joint.recorded import infer, known_noise, only_rounding
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.noise import Noise
@@ -180,16 +180,19 @@ class Follower:
             self._known = self._after(regression, best.theta[0], known)
             return Followed(self.table(), innovation, p, alarm=False)
         self._known = known
+        rounding = only_rounding(self._noise, regression.observed, self._robot)
         if not self._doubted:
             self._doubted = True
-            return Followed(self.table(), innovation, p, True, (ALARM_FINDING,), explained=False)
+            said = (ALARM_FINDING, *rounding)
+            return Followed(self.table(), innovation, p, True, said, explained=False)
         changed = replace(self._robot, prior=known)
         found = infer(changed, [window], self._seed, NAMING_CONFIG, self._noise)
         if found.good:
             self._doubted = False
             optima: Optima = found.best_fit
             self._known = self._after(optima.regression, optima.fits.theta[0], known)
-        return Followed(self.table(), innovation, p, True, tuple(found.findings), found.good)
+        said = (*found.findings, *rounding)
+        return Followed(self.table(), innovation, p, True, said, found.good)
 
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of each number now, by name, in natural units.
@@ -228,7 +231,9 @@ class Follower:
             optima = found.best_fit
             before = self._ignorance()
             self._known = self._after(optima.regression, optima.fits.theta[0], before)
-        return Followed(self.table(), None, p, alarm, tuple(found.findings), not alarm)
+        rounding = only_rounding(self._noise, found.best_fit.regression.observed, self._robot)
+        said = (*found.findings, *(rounding if alarm else ()))
+        return Followed(self.table(), None, p, alarm, said, not alarm)
 
     def _regression(self, window: Trial, known: Prior) -> Regression:
         robot = replace(self._robot, hypotheses=(), prior=known)

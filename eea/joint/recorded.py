@@ -19,6 +19,7 @@ from eea.joint.observed import LARGEST_NUMBER, Observed, Trial
 from eea.joint.parameters import Parameters
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
+from eea.statistics.goodness_of_fit import LEAST_RELATIVE_RMS
 from eea.statistics.noise import Noise, noise_of
 
 #: Hypotheses are always weighed: "nothing is broken" is a finding with a probability.
@@ -138,6 +139,17 @@ def noise_left(optima: Sequence[Optima]) -> Noise:
         loudest.append(np.abs(observed.signal).max(axis=(0, 1)))
     least = LEAST_RELATIVE_SIGMA * np.maximum(np.max(loudest, axis=0), 1e-12)
     return noise_of(left, there, sum(map(_determined, optima)), least)
+
+
+def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[str]:
+    """Return a sentence on each channel whose noise is only rounding beside its signal."""
+    loudest = np.abs(observed.signal).max(axis=(0, 1))
+    return [
+        f"the noise of {name}, {sd:.1g} {unit}, is only rounding: by it any noise in a log counts "
+        "as a change"
+        for (name, unit), sd, most in zip(robot.channels.items(), noise.sd, loudest, strict=True)
+        if sd < LEAST_RELATIVE_RMS * most
+    ]
 
 
 def _determined(optima: Optima) -> float:

@@ -22,7 +22,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed, Trial
 from eea.joint.parameters import FIXED_PRECISION, UNIFORM_PRECISION, Parameters
 from eea.joint.problem import Prior
-from eea.joint.recorded import first_guess, infer, noise_left
+from eea.joint.recorded import first_guess, infer, noise_left, only_rounding
 from eea.joint.robot_model import RobotModel
 from eea.joint.search import Optima
 from eea.statistics.noise import Noise
@@ -49,7 +49,8 @@ class Reference:
     robot: RobotModel  #: With what was learned as its prior.
     noise: Noise  #: Of each channel.
     misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
-    #: Sentences on numbers in ``whole`` that the known-good logs contradict.
+    #: Sentences on numbers in ``whole`` that the known-good logs contradict, and on channels
+    #: without noise.
     findings: tuple[str, ...] = ()
 
     def infer(
@@ -148,6 +149,7 @@ def learn(
     fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
     misfits = np.array([_misfit(one.optima) for one in fits])
     said = contradictions(whole, [one.optima for one in fits], groups)
+    said += only_rounding(noise, observed, robot)
     return Reference(replace(robot, prior=later), noise, misfits, tuple(said))
 
 

@@ -17,6 +17,7 @@ from eea.core.config import FALSE_ALARM_RATE
 LAGS = 10  # samples
 LEAST_LOG_SPREAD = 0.05  # of known-good logs' misfits, which are never quite alike
 LEAST_RELATIVE_RMS = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
+LEAST_NOISE_SHARE = 0.01  # of known noise: smaller residuals are what an exact fit leaves
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def goodness_of_fit(
     parameters leaves N white samples with correlations of -P / (N - P) at most on average, by
     which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
     false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
-    with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. Of 6000 white residuals 0.10%
-    raised an alarm at a rate of 0.1%. Trials of at most 10 samples are not tested for whiteness.
+    with ``slow_p`` where it is given. Of 6000 white residuals 0.10% raised an alarm at a rate of
+    0.1%. Trials of at most 10 samples are not tested for whiteness.
 
     Parameters
     ----------
@@ -79,7 +80,8 @@ def goodness_of_fit(
     parameters
         Their number.
     sigma
-        Standard deviation of the noise, if known.
+        Standard deviation of the noise, if known. Residuals of less than a hundredth of it are
+        rounding, too: those of a simulated log without noise, which a prior draws from the fit.
     floor
         Residuals of an rms up to this are rounding.
     slow_p
@@ -101,6 +103,7 @@ def goodness_of_fit(
     trials = [finite("residuals", trial, (None, None)) for trial in residuals]
     count = sum(trial.size for trial in trials) - missing
     shortest = min(map(len, trials), default=0)
+    floor = max(floor, LEAST_NOISE_SHARE * (sigma or 0.0))
     if count <= parameters and sigma is None:
         raise ConfigurationError(f"residuals must outnumber parameters, {parameters}; got {count}")
     squares = sum(float((trial**2).sum()) for trial in trials)

@@ -207,3 +207,23 @@ def test_a_first_window_that_nothing_explains_is_left_out():
     assert followed.table["stiffness"][0] == 5.0
     assert not follower.update(window(rng)).alarm
     assert follower.table()["damping"][0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_log_without_noise_raises_no_alarm_at_a_stated_noise():
+    follower = STRUT.follow(NOISE)
+    alarms = []
+    for start in range(4):
+        time = start + 0.1 * np.arange(40)
+        motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
+        values = {"stiffness": np.array([5.0]), "damping": np.array([1.0])}
+        alarms.append(follower.update(Trial(push(values, motion[None])[0], motion)).alarm)
+    assert not any(alarms)
+
+
+def test_an_alarm_by_noise_that_is_only_rounding_says_so():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow({"force": 1e-8})
+    found = [follower.update(window(rng)) for _ in range(2)]
+    assert all(one.alarm for one in found)
+    for one in found:
+        assert any("noise of force, 1e-08 N, is only rounding" in said for said in one.findings)

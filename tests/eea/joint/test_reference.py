@@ -235,3 +235,11 @@ def test_whole_at_the_end_of_a_range_is_not_contradicted_by_noise():
     whole = replace(CART, parameters={"gain": (1.0, 2.0), "drag": (0.0, 1.0)})
     logs = [measured(rng) for _ in range(40)]
     assert whole.learn(logs, config=EFFORT).findings == ()
+
+
+def test_known_good_logs_without_noise_are_said_to_have_none():
+    rng = np.random.default_rng(11)
+    logs = [measured(rng, sd=0.0, gain=1.0 + 0.02 * i) for i in range(4)]
+    found = ROBOT.learn(logs, config=EFFORT).findings
+    assert any("is only rounding: by it any noise in a log counts as a change" in s for s in found)
+    assert not any("rounding" in said for said in ROBOT.learn(known_good(rng)[0]).findings)

@@ -12,10 +12,12 @@ from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.log_inference import infer_log, watch_swim
+from eea.fish.prior import UNCHANGED_NAME, known_body
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import LAG_SAMPLES, log_windows
 
@@ -25,7 +27,13 @@ PLAIN = FitConfig(alternatives="never")
 SECOND = 100  # samples
 
 
-def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0) -> SwimLog:
+def swim(
+    seed: int,
+    samples: int,
+    become: Morphology | None = None,
+    at: int = 0,
+    noise: float = NOISE,
+) -> SwimLog:
     """Return a swim of brisk commands at 4 Hz, in which the robot may become another."""
     rng, world = np.random.default_rng(seed), CompiledWorld()
     left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
@@ -40,7 +48,7 @@ def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0)
             world.update(replace(scenario, body=become.to_array()[None]))
         world.advance((left, right, caudal))
         gyro.append(world.state().spin)
-    felt = RecordedLog(np.array(gyro) + rng.normal(0.0, NOISE, (samples, 3)))
+    felt = RecordedLog(np.array(gyro) + rng.normal(0.0, noise, (samples, 3)))
     return SwimLog.of_trials([commands], [felt], moving=True)
 
 
@@ -114,6 +122,57 @@ def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
     # with are wider than what it does begin with.
     assert kstest(chances, "uniform", alternative="greater").pvalue > 1e-2
     assert 0.93 < np.mean([look.excess for look in watched.looks]) < 1.03
+
+
+@pytest.fixture(scope="module")
+def exact() -> MorphologyEstimate:
+    """Return what trials without noise tell, as those of a simulation have none."""
+    log = together(*(swim(seed, 501 + LAG_SAMPLES, noise=0.0) for seed in (1, 2)))
+    return infer_log(log, PLAIN, truth=BODY, moving=True, threads=1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.01, 0.05])
+def test_trials_without_noise_raise_no_false_alarm_later(
+    exact: MorphologyEstimate, noise: float
+) -> None:
+    assert exact.belief is not None
+    assert exact.belief.sigma < 1e-5
+    struck = LAG_SAMPLES + 5 * SECOND + 1
+    other = Damage.parse("right_pectoral:length=0.5; caudal:length=0.6").apply(BODY)
+    log = swim(9, struck + 6 * SECOND, other, struck, noise)
+    watched = watch_swim(log, exact.belief, threads=1, until_noticed=True)  # type: ignore[arg-type]
+    assert watched.noticed is not None
+    assert watched.noticed > 0.01 * struck
+
+
+def test_a_log_that_does_not_tell_its_noise_is_refused_after_trials_without(
+    exact: MorphologyEstimate,
+) -> None:
+    log = swim(9, 12 * SECOND)
+    sparse = SwimLog(log.time[24::25], log.gyro[24::25], log.commands[24::25])
+    with pytest.raises(InvalidArgumentError, match="belief must know the gyroscope's noise"):
+        watch_swim(sparse, exact.belief)  # type: ignore[arg-type]
+    with pytest.raises(InvalidArgumentError, match=r"infer with FitConfig\(noise=0.01\)"):
+        infer_log(sparse, prior=exact.belief, moving=True)  # type: ignore[arg-type]
+
+
+def test_nothing_has_changed_since_trials_without_noise(exact: MorphologyEstimate) -> None:
+    log = swim(9, LAG_SAMPLES + 2 * SECOND)
+    found = infer_log(log, prior=exact.belief, moving=True, threads=1)  # type: ignore[arg-type]
+    assert found.belief is not None
+    assert found.belief.good
+    assert found.belief.branches[0].hypothesis.name == UNCHANGED_NAME
+
+
+def test_a_wrong_valley_of_the_initial_state_is_no_change() -> None:
+    rng = np.random.default_rng(131)
+    command = rng.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0])
+    angles = rng.uniform(-np.pi, np.pi, 3)
+    log = simulate(BODY, command, angles, 300, dtype="float64", record="gyro")
+    assert log.gyro is not None
+    felt = RecordedLog(np.reshape(log.gyro, (300, 3))[180:])
+    held = SwimLog.of_trials([command], [felt], moving=True)
+    assert watch_swim(held, known_body(BODY, 1e-3, ()), threads=1).noticed is None
 
 
 @pytest.mark.parametrize("damage", ["right_pectoral:length=0.7", "caudal:missing"])

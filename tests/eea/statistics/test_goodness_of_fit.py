@@ -110,6 +110,15 @@ def test_white_residuals_louder_than_a_gyroscope_are_no_noise():
     assert goodness_of_fit(loud / 5.8, parameters=12, sigma=1.0).good
 
 
+@pytest.mark.parametrize("share", [0.0, 1e-6, 1e-3])
+def test_a_log_without_noise_is_explained_whatever_noise_is_stated(share):
+    smooth = 0.01 * np.sin(np.arange(256) / 20)[None, :, None]
+    fit = goodness_of_fit(share * smooth, parameters=4, sigma=0.01, unit="rad/s")
+    assert fit.good
+    assert "up to rounding" in fit.verdict
+    assert not goodness_of_fit(smooth, parameters=4, sigma=0.01).good
+
+
 def test_missing_samples_do_not_make_the_others_look_large() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.01, (2, 400, 2))
     whole = goodness_of_fit(noise[:1], parameters=4, sigma=0.01)
