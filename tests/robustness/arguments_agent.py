@@ -89,7 +89,7 @@ ROWS = [
         filmed,
         {
             "label": "rest", "swim": swim(LIBRARY[0], BODY, engine="numba", seconds=0.2),
-            "body": BODY, "damage": Damage(),
+            "body": BODY, "damage": Damage(), "hold": 5,
         },
         options(label="text, empty text"),
         {"body": "body"},
