@@ -14,6 +14,8 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import MODEL_ERROR, SelfModel
+from aquafish_gym.envs import AquaFishEnv
+from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -68,6 +70,28 @@ def test_a_glitch_is_not_observed(channel: int, reading: float, untouched: SelfM
     assert set(about(agent, "inferred")) == {"caudal:missing"}
     assert about(agent, "sensor") == []
     np.testing.assert_allclose(agent.model.state, untouched.model.state, atol=0.01)
+
+
+def test_in_2000_actions_with_faults_and_glitches_it_answers_and_changes_its_gait() -> None:
+    task = SwimForward(400.0)  # of which the agent's settings know 60 s
+    damage = "caudal:missing@20; left_pectoral:missing@300"
+    env = AquaFishEnv(task=task, damage=damage, engine="numba")
+    observation, info = env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    agent, actions = SelfModelAgent(config=QUICK, teachers=()), []
+    agent.begin(info["fin_angles"])
+    for _ in range(2000):
+        seen = observation.astype(float)
+        if rng.random() < 0.05:
+            seen[rng.integers(9)] = rng.choice([np.nan, np.inf, 1e6])
+        actions.append(agent.act(seen))
+        observation, *_ = env.step(actions[-1])
+    env.close()
+    assert np.isfinite(actions).all()
+    assert np.isfinite(agent.model.state).all()
+    chose = [event.seconds for event in agent.events if event.what == "chose"]
+    assert any(20 < seconds < 60 for seconds in chose)
+    assert any(300 < seconds < 310 for seconds in chose)
 
 
 @pytest.mark.parametrize("channels", [slice(0, 3), slice(3, 6), slice(0, 9)])
