@@ -39,7 +39,7 @@ SCRIPTS = {
 @pytest.fixture(params=[*COMMANDS, *SCRIPTS])
 def command(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type[Any]:
     """Return the class of a command."""
-    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.setenv("COLUMNS", "100")  # one column of options
     found: type[Any] = resolve_name({**COMMANDS, **SCRIPTS}[request.param])
     return found
 

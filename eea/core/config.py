@@ -72,9 +72,8 @@ class GeneticConfig:
     coding: Coding = "gray"
     #: What two parents swap: "uniform" each bit with probability 1/2, "two-point" one stretch.
     crossover: Crossover = "uniform"
-    crossover_rate: float = real_field(
-        0.75, 0.0, 1.0
-    )  #: Probability that parents swap bits at all.
+    #: Probability that two parents swap bits at all.
+    crossover_rate: float = real_field(0.75, 0.0, 1.0)
     mutations: float = real_field(1.0, 0.0)  #: Mean number of flipped bits a genome.
     elites: int = whole_field(1, 0, MAXIMUM_SIZE)  #: Number of best genomes that survive unchanged.
 
