@@ -183,7 +183,7 @@ class CaseStudy(Given):
         eea = recovery_config(self.steps, self.rounds)
         out_of_band = replace(eea.out_of_band, inner_population=self.angle_sets)
         estimation = replace(eea.estimation, population=self.models)
-        return replace(eea, estimation=estimation, out_of_band=out_of_band)
+        return replace(eea, condition="out-of-band", estimation=estimation, out_of_band=out_of_band)
 
     def _gaits(self) -> dict[str, EvolveConfig]:
         """Return each search: the paper's NEAT, CMA-ES, with known fins, and on the robot."""

@@ -10,6 +10,7 @@ from aquafish_gym.runs.command_line import option_name
 from eea.core.checks import ConfigurationError
 from eea.core.config import (
     CONDITIONS,
+    OUT_OF_BAND,
     Config,
     EstimationConfig,
     ExplorationConfig,
@@ -21,11 +22,11 @@ from eea.core.config import (
 )
 
 _PARTS: dict[str, tuple[str, ...]] = {
-    "exploration": CONDITIONS,
-    "estimation": CONDITIONS,
-    "genetic": CONDITIONS,
+    "exploration": (*CONDITIONS, "recovery"),
+    "estimation": (*CONDITIONS, "recovery"),
+    "genetic": (*CONDITIONS, "recovery"),
     "in_band": ("in-band",),
-    "out_of_band": ("out-of-band",),
+    "out_of_band": OUT_OF_BAND,
     "joint": ("joint",),
 }
 

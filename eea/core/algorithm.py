@@ -16,7 +16,7 @@ from eea.core.conditions import (
     models_range,
     with_context,
 )
-from eea.core.config import PaperConfig
+from eea.core.config import OUT_OF_BAND, PaperConfig
 from eea.core.experiment import (
     Experiment,
     RecordedLog,
@@ -137,7 +137,7 @@ class EEA(Session[EEAState]):
             if generation:
                 genomes = next_generation(genomes, fitness, config.genetic, rngs["estimation"])
             models = layout.decode(genomes)
-            if config.condition == "out-of-band" and generation % config.out_of_band.period == 0:
+            if config.condition in OUT_OF_BAND and generation % config.out_of_band.period == 0:
                 experiments = infer_angles(  # optAng, Sec. 3.4
                     experiments,
                     models,

@@ -22,6 +22,7 @@ Crossover = Literal["uniform", "two-point"]
 PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
+OUT_OF_BAND = ("out-of-band", "recovery")  # conditions that infer the angles between generations
 MAXIMUM_TRIAL_STEPS = 2**20  # samples; the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
 FALSE_ALARM_RATE = 1e-3  # of a test whether residuals are noise
@@ -144,8 +145,9 @@ class PaperConfig:
     """
 
     #: What is known of the hidden angles: "ideal" knows them, "none" assumes zero, "in-band" and
-    #: "out-of-band" infer them.
-    condition: PaperCondition = "out-of-band"
+    #: "out-of-band" infer them. "recovery" is "out-of-band" with the settings of
+    #: :func:`recovery_config`, by their own name.
+    condition: PaperCondition | Literal["recovery"] = "out-of-band"
     #: Length of a trial in samples, a power of two.
     steps: int = whole_field(256, 2, MAXIMUM_TRIAL_STEPS)
     rounds: int = whole_field(25, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
@@ -156,7 +158,7 @@ class PaperConfig:
     out_of_band: OutOfBandConfig = OutOfBandConfig()
 
     def __post_init__(self) -> None:
-        choice("condition", self.condition, CONDITIONS)
+        choice("condition", self.condition, (*CONDITIONS, "recovery"))
         check_fields(self)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
@@ -165,7 +167,7 @@ class PaperConfig:
         populations["estimation.population"] = models
         if self.condition == "in-band":
             at_most("in_band.best", self.in_band.best, "estimation.population", models)
-        if self.condition == "out-of-band":
+        if self.condition in OUT_OF_BAND:
             judges = self.out_of_band.sampled_models or 0
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
             populations["out_of_band.inner_population"] = self.out_of_band.inner_population
@@ -261,7 +263,7 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> PaperConfig:
     judge the angles, as in Fig. 10; this halves the number of simulated trials.
     """
     searching = OutOfBandConfig(sampled_models=5, revisit=5)
-    return PaperConfig(steps=steps, rounds=rounds, out_of_band=searching)
+    return PaperConfig(condition="recovery", steps=steps, rounds=rounds, out_of_band=searching)
 
 
 RECOVERY = recovery_config()

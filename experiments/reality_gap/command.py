@@ -111,7 +111,7 @@ class Gap:
         ]
 
     def _settings(self) -> Settings:
-        eea = recovery_config(self.steps, self.rounds)
+        eea = replace(recovery_config(self.steps, self.rounds), condition="out-of-band")
         joint = JointConfig(steps=self.steps, rounds=self.rounds)
         if self.smoke:
             eea = smoke(eea)

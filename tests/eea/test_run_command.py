@@ -39,6 +39,7 @@ def test_conditions_have_their_recommended_settings():
     assert config_of("--paper", "--condition", "in-band") == PaperConfig("in-band")
     assert config_of("--condition", "ideal") == PaperConfig("ideal")
     assert config_of("--condition", "recovery") == recovery_config()
+    assert recovery_config().to_dict()["condition"] == "recovery"
     changed = config_of("--condition", "recovery", "--rounds", "4", "--out-of-band.period", "9")
     assert (changed.rounds, changed.out_of_band.period) == (4, 9)
     assert (changed.out_of_band.sampled_models, changed.out_of_band.revisit) == (5, 5)
