@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+import html
 import json
 import re
 import time
@@ -122,6 +123,16 @@ def test_a_replay_is_one_small_file_of_the_same_bytes(replay: Path, tmp_path: Pa
     assert "<title>&lt;Two&gt; fish</title>" in text
     assert "three.js authors, MIT" in text
     assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+@pytest.mark.parametrize("text", ["<b>&amp;\"'</script><!--", "ψ é \u2028 $data ${library}"])
+def test_labels_and_titles_are_shown_as_they_are(tmp_path: Path, text: str) -> None:
+    one = fish(seconds=1.0)[0]._replace(label=text)
+    path = write_replay([one], tmp_path / "a.html", text)
+    page = path.read_text("utf-8")
+    assert read_data(path)["swimmers"][0]["label"] == text
+    assert page.count(html.escape(text)) == 2  # the title, and the summary
+    assert f"<title>{html.escape(text)}</title>" in page
 
 
 def test_the_page_allows_its_own_style_and_scripts_alone(replay: Path) -> None:

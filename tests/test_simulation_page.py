@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
+import re
 import runpy
 import shutil
 import subprocess
+from html.parser import HTMLParser
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from aquafish_gym.physics.arithmetic import where_less
 from aquafish_gym.physics.printing import JAVASCRIPT, printed
@@ -86,6 +91,27 @@ def test_a_fish_without_a_flipper_swims_on() -> None:
 
 def test_the_same_simulation_gives_the_same_bytes() -> None:
     assert page_of() == page_of()
+
+
+@given(st.text(st.characters(codec="utf-8", exclude_categories=["Cc"]), min_size=1))
+@example("<b>&amp;\"'</script><!-- é $title")
+def test_texts_are_shown_as_they_are(text: str) -> None:
+    shown = page_of(title=text, note=text, sliders={text: SLIDERS["stiffness"]})
+    assert re.search("<title>(.*?)</title>", shown, re.S)[1] == html.escape(text)  # type: ignore[index]
+    read = HTMLTexts()
+    read.feed(shown)
+    assert read.texts.count(text) == 4  # in the title, the heading, the note and the slider
+
+
+class HTMLTexts(HTMLParser):
+    """Collects the texts between tags."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
 
 
 @pytest.fixture

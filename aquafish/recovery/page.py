@@ -170,9 +170,7 @@ def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, st
         if true[i] != whole[i]
     ]
     if interval is None:
-        return ", ".join(estimates), (
-            f"Joint inference gives no intervals: {html.escape(outcome['verdict'])}."
-        )
+        return ", ".join(estimates), (f"Joint inference gives no intervals: {outcome['verdict']}.")
     ends = (Morphology.coerce(interval[end]).to_array() for end in ("low", "high"))
     low, high = next(ends), next(ends)
     low, high = np.minimum(low, middle), np.maximum(high, middle)

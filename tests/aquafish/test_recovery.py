@@ -125,16 +125,19 @@ def test_fewer_replicates_give_the_report_of_these(again: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("without", [False, True], ids=["intervals", "no intervals"])
 def test_nothing_that_a_report_holds_is_markup_of_its_page(
-    again: Path, monkeypatch: pytest.MonkeyPatch
+    again: Path, monkeypatch: pytest.MonkeyPatch, without: bool
 ) -> None:
-    hostile = "<script>alert(1)</script>"
+    hostile = "<script>alert(1)</script> & \"é' p < 1e-6"
 
     def page_of_hostile(job: Any, outcomes: Any, report: Any, *rest: Any) -> str:
         report["code"][0]["numpy"] = hostile
         for several in outcomes.values():
             for one in several:
                 one["verdict"] = hostile
+                if without:
+                    one["interval"] = None
         return str(report_page(job, outcomes, report, *rest))
 
     monkeypatch.setattr("aquafish.recovery.page.report_page", page_of_hostile)
