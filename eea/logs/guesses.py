@@ -25,8 +25,8 @@ AXES = (
     re.compile(r"(.*?)(?:z|\[2\]|_yaw|yawspeed)$", re.I),
 )
 COMMANDS = re.compile(r"rcou|servo|actuator|motor|pwm|cmd|command|thrust|control", re.I)
-#: Format -> the axes of its gyroscopes by convention: forward, right, down; or forward, left, up.
 NO_COMMANDS = re.compile(r"time|stamp|stat|mode|setpoint|angular_vel|gyr|allocator|limits", re.I)
+#: Format -> the axes of its gyroscopes by convention: forward, right, down; or forward, left, up.
 FRAMES = {"ArduPilot BIN": "FRD", "PX4 ULog": "FRD", "MCAP": "FLU"}
 SI_FORMATS = frozenset(FRAMES)
 FASTEST_TURN = 10.0  # rad/s; swimming robots turn slower, so that greater numbers are degrees
