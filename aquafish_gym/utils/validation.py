@@ -28,11 +28,11 @@ _T = TypeVar("_T")
 class InvalidArgumentError(ValueError):
     """An argument has the wrong type, shape or range; the message names it.
 
-    The message may cite a file's name or content: a terminal shows it as it is, see ``printable``.
+    The message may cite a file's name or content: a terminal can show its lines, see ``printable``.
     """
 
-    def __init__(self, *message: object) -> None:
-        super().__init__(*(printable(one) if isinstance(one, str) else one for one in message))
+    def __init__(self, message: str) -> None:
+        super().__init__("\n".join(map(printable, message.split("\n"))))
 
 
 class UnknownNameError(InvalidArgumentError):

@@ -43,7 +43,8 @@ for name, place in zip(("aquafish_gym", "eea"), sys.argv[1:3]):
     sys.modules[name].__path__ = [place]
 sys.path[:] = sys.argv[7:]
 from eea.logs.child import answer
-answer(*sys.argv[3:7])
+from eea.logs.tables import read_streams
+answer(read_streams, *sys.argv[3:7])
 """
 #: One thread: the limit of memory counts what each thread reserves, and so does Arrow's own pool.
 ENVIRONMENT = {
@@ -142,11 +143,19 @@ def _fill(answers: BinaryIO, cells: NDArray[Any]) -> bool:
     return True
 
 
-def answer(format_name: str, path: str, memory: str, seconds: str) -> NoReturn:
+def answer(
+    read: Callable[[str, str, list[str]], Iterator[Stream]],
+    format_name: str,
+    path: str,
+    memory: str,
+    seconds: str,
+) -> NoReturn:
     """Read a log and send its streams; the process ends.
 
     Parameters
     ----------
+    read
+        It yields the streams of a log from its path and format, and adds remarks.
     format_name, path
         The log.
     memory, seconds
@@ -164,10 +173,8 @@ def answer(format_name: str, path: str, memory: str, seconds: str) -> NoReturn:
     remarks: list[str] = []
     lift_limit = _limit_memory(most)
     try:
-        from eea.logs.tables import read_streams
-
         with redirect_stdout(said), redirect_stderr(said):
-            _send_all(answers, read_streams(path, format_name, remarks), remarks)
+            _send_all(answers, read(path, format_name, remarks), remarks)
         if _memory_was_short(most):
             raise MemoryError
         if said.getvalue():
@@ -262,14 +269,14 @@ def _end_after(seconds: float) -> None:
 def _memory_was_short(most: int) -> bool:
     """Return whether a limit of memory was nearly reached.
 
-    A library may drop the error, or raise another, where it finds no memory.
+    A library may drop the error, or raise another, where it finds no memory. The peak that the
+    system's resource usage states may be that of the parent.
     """
-    try:
-        import resource
-    except ImportError:
-        return False
-    kibibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return sys.platform == "linux" and 1024 * kibibytes > NEARLY_ALL * most
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace")
+        _, _, kibibytes = status.partition("VmHWM:")
+        return 1024 * int(kibibytes.split()[0]) > NEARLY_ALL * most
+    return False  # no Linux, on which the limit does not hold either
 
 
 def _limit_memory(most: int) -> Callable[[], None]:
@@ -281,9 +288,8 @@ def _limit_memory(most: int) -> Callable[[], None]:
         import resource
 
         before = resource.getrlimit(resource.RLIMIT_DATA)
-        hard = before[1]
-        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+        held = [limit for limit in before if limit != resource.RLIM_INFINITY]
+        resource.setrlimit(resource.RLIMIT_DATA, (min([most, *held]), before[1]))
     except (ImportError, OSError, ValueError):
         return lambda: None
     return lambda: resource.setrlimit(resource.RLIMIT_DATA, before)

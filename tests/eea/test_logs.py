@@ -491,6 +491,13 @@ def test_a_file_that_takes_long_is_refused_with_what_to_do(
         read_recording(tmp_path / "swim.mcap")
 
 
+def test_a_large_parent_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("eea.logs.child.most_memory", lambda _size: 2**28)
+    large = np.ones(2**26)  # 512 MiB
+    assert read_recording(ROOT / EXAMPLE).streams
+    assert large[-1] == 1.0
+
+
 def test_the_process_that_reads_ends_with_its_parent(tmp_path: Path) -> None:
     empty_elements_mcap(tmp_path / "swim.mcap")
     places = [str(ROOT / name) for name in ("aquafish_gym", "eea")]
