@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import TargetError
+from eea.core.checks import TargetError, masked
 
 Coefficients = NDArray[Any]  # complex, in single or double precision
 
@@ -64,9 +64,14 @@ def gyro_samples(
     if gyro is None:
         raise TargetError(f"a log must hold gyro; that of {source} holds none")
     try:
-        samples = np.asarray(gyro)
+        hidden = masked(gyro)
+        samples = np.zeros(0) if hidden else np.asarray(gyro)
     except ValueError:
         raise TargetError(f"a log must hold {wanted}; gyro of {source} is ragged") from None
+    except RuntimeError as error:  # a tensor of torch that requires a gradient
+        raise TargetError(f"a log must hold {wanted}; of gyro of {source}: {error}") from None
+    if hidden:
+        raise TargetError(f"a log must hold all its samples; gyro of {source} has masked ones")
     if samples.dtype.kind not in "fiu":
         raise TargetError(f"a log must hold real numbers; gyro of {source} is {samples.dtype}")
     if samples.ndim == 2:

@@ -147,14 +147,38 @@ def check_fields(settings: Any, prefix: str = "") -> None:
             each.metadata["check"](name, value)
 
 
+def real_numbers(argument: str, value: object) -> NDArray[np.float64]:
+    """Return numbers as a new float64 array, of any shape; entries may be NaN or infinite.
+
+    Text, booleans, spans of time and masked entries are refused.
+    """
+    given = as_array(value)
+    _require(given.dtype.kind in "iuf", argument, "numbers", value)
+    with np.errstate(over="ignore"):  # a longer float becomes infinite
+        return np.array(given, dtype=np.float64)
+
+
+def as_array(value: object) -> NDArray[Any]:
+    """Return what numpy makes of a value; None where it can make nothing, or entries are masked."""
+    try:
+        return np.array(None) if masked(value) else np.asarray(value)
+    except (TypeError, ValueError, RuntimeError):  # the last of tensors, and of deep lists
+        return np.array(None)
+
+
+def masked(value: object) -> bool:
+    """Return whether an entry of an array, or of arrays in lists, is masked.
+
+    numpy reads the number behind the mask.
+    """
+    if isinstance(value, list | tuple):
+        return any(map(masked, value))
+    return isinstance(value, np.ma.MaskedArray) and bool(np.ma.is_masked(value))
+
+
 def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return ``value`` as a finite float64 array of ``shape``; ``None`` is any length."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):
-        given = np.array(None)
-    _require(given.dtype.kind in "iuf" and not np.ma.is_masked(value), argument, "numbers", value)
-    array = np.array(given, dtype=np.float64)
+    array = real_numbers(argument, value)
     fits = array.ndim == len(shape) and all(
         n in (None, m) for n, m in zip(shape, array.shape, strict=True)
     )

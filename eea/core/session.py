@@ -15,6 +15,7 @@ from eea.core.behavior import gyro_samples
 from eea.core.checks import ConfigurationError, TargetError, brief, callback, finite, whole
 from eea.core.config import Config
 from eea.core.experiment import Performed, Target, reveals
+from eea.core.floating import callers_errors, own_errors
 from eea.core.problem import Problem
 from eea.core.result import Result, RoundFit, RoundRecord
 
@@ -132,37 +133,44 @@ class Session(ABC, Generic[SessionState]):
         rounds = self._kept[2]
         began = time.monotonic() - (rounds[-1].seconds if rounds else 0.0)
         while True:
-            state, kept_rngs, rounds = self._kept
+            state, _, rounds = self._kept
             if self._accurate(state):
                 self._stopped = "narrow"
                 return
             if len(rounds) >= self.config.rounds:
                 self._stopped = "rounds"
                 return
-            rngs = copy.deepcopy(kept_rngs)
-            command, action_fitness = self._choose(state, rngs)
-            trial = self._perform(command)
-            if not np.array_equal(trial.command, command):
-                action_fitness = None  # this ACT_FIT belongs to another command
-            state, fit = self._fit(state, trial, rngs)
-            seconds = time.monotonic() - began
-            record = RoundRecord.of(
-                len(rounds) + 1,
-                trial.command,
-                action_fitness,
-                fit,
-                self._problem.models,
-                self._truth,
-                trial.true_angles,
-                seconds,
-            )
-            self._kept = state, rngs, (*rounds, record)
-            yield record
+            yield self._next(began)
+
+    @own_errors
+    def _next(self, began: float) -> RoundRecord:
+        """Perform a round, keep it, and return its record."""
+        state, kept_rngs, rounds = self._kept
+        rngs = copy.deepcopy(kept_rngs)
+        command, action_fitness = self._choose(state, rngs)
+        trial = self._perform(command)
+        if not np.array_equal(trial.command, command):
+            action_fitness = None  # this ACT_FIT belongs to another command
+        state, fit = self._fit(state, trial, rngs)
+        seconds = time.monotonic() - began
+        record = RoundRecord.of(
+            len(rounds) + 1,
+            trial.command,
+            action_fitness,
+            fit,
+            self._problem.models,
+            self._truth,
+            trial.true_angles,
+            seconds,
+        )
+        self._kept = state, rngs, (*rounds, record)
+        return record
 
     def _perform(self, command: Floats) -> Trial:
         """Perform a command on the target; check its log and read revealed angles."""
         problem = self._problem
-        log = self._target.perform(command.copy())
+        with callers_errors():
+            log = self._target.perform(command.copy())
         if isinstance(log, Performed):
             command = _reported("executed command", log.command, len(problem.actions))
             log = log.log

@@ -16,6 +16,7 @@ from eea.core.angles import Floats
 from eea.core.checks import callback
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
+from eea.core.floating import own_errors
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
@@ -65,6 +66,7 @@ class MorphologyEstimate(Result):
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
 
 
+@own_errors
 def fish_eea(
     target: Target,
     config: Config | None = None,
@@ -128,6 +130,7 @@ def estimate_morphology_of(
     return MorphologyEstimate(**vars(session.run(progress)))
 
 
+@own_errors
 def estimate_morphology(
     target_morphology: Morphology | ArrayLike | None = None,
     damage: Damage | str | None = None,

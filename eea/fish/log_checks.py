@@ -17,6 +17,7 @@ import numpy as np
 from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, instance, integer
 from eea.core.checks import TargetError, real
 from eea.core.config import FitConfig
+from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.joint import fish_robot
 from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typical_step
@@ -101,6 +102,7 @@ class LogCheck:
         return f"no change of axes, flippers, clock or units helps: {CHECKLIST}"
 
 
+@own_errors
 def check_log(
     log: SwimLog,
     joint: FitConfig | None = None,

@@ -16,6 +16,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, instance, integer
 from eea.core.angles import Floats
 from eea.core.config import FitConfig, JointConfig
+from eea.core.floating import own_errors
 from eea.core.result import RoundRecord
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
@@ -35,6 +36,7 @@ from eea.joint.session import round_fit
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
 
 
+@own_errors
 def infer_log(
     log: SwimLog,
     joint: FitConfig | None = None,
@@ -177,6 +179,7 @@ class Watched(NamedTuple):
         )
 
 
+@own_errors
 def watch_swim(
     log: SwimLog,
     belief: JointPosterior,

@@ -21,6 +21,7 @@ from scipy.stats import chi2, f
 
 from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
+from eea.core.floating import own_errors
 from eea.joint.descent import Fitted, descend
 from eea.joint.initialization import hop, pose
 from eea.joint.joint_posterior import JointPosterior
@@ -84,6 +85,7 @@ class ChangeDetector:
         known = replace(robot, prior=best.prior())
         self._one = Parameters.of(known, 1, groups, best.hypothesis)
 
+    @own_errors
     def look(
         self, inputs: NDArray[Any], signal: Floats, weight: Floats | None = None
     ) -> WindowTest:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 from eea.joint.problem import Hypothesis
@@ -12,20 +12,19 @@ from eea.statistics.normal import Normal
 CHANGE_ODDS = 0.1  # of a change of any number, relative to none
 
 
-def together(hypotheses: Sequence[Hypothesis], most: int) -> list[Hypothesis]:
-    """Return the hypotheses, and those that up to ``most`` of them hold at once.
+def together(hypotheses: Sequence[Hypothesis], most: int) -> Iterator[Hypothesis]:
+    """Yield the hypotheses, and those that up to ``most`` of them hold at once.
 
     Combinations of more are fitted only where none of fewer explains the trials. Those of one part,
     or of the same numbers, are left out.
     """
-    found = list(hypotheses)
+    yield from hypotheses
     for count in range(2, most + 1):
         for some in combinations(hypotheses, count):
             names = [n for one in some for n in {*one.fixed, *one.moves, *one.freed, one.part}]
             names = [name for name in names if name]
             if len(set(names)) == len(names):
-                found.append(joined(some))
-    return found
+                yield joined(some)
 
 
 def joined(several: Sequence[Hypothesis]) -> Hypothesis:

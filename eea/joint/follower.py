@@ -24,6 +24,7 @@ from scipy.special import chdtrc, ndtri
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, brief, choice, instance, mapping, real, whole
 from eea.core.config import FALSE_ALARM_RATE, FitConfig
+from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.joint.change_detection import check_alarm, fit_near_prior
 from eea.joint.descent import descend
@@ -116,6 +117,7 @@ class Follower:
     (False, [19.9, 19.7, 20.1])
     """
 
+    @own_errors
     def __init__(
         self,
         robot: RobotModel,
@@ -141,14 +143,16 @@ class Follower:
         self._doubted = False  # whether the window before raised an alarm
         plain = Parameters.of(replace(robot, hypotheses=(), prior=None), 1, robot.groups)
         self._names = [plain.names[i] for i in plain.common_entries()]
-        mapping("drift", drift or {}, numbers.Real)
-        for name, sd in (drift or {}).items():
+        drift = {} if drift is None else drift
+        mapping("drift", drift, numbers.Real)
+        for name, sd in drift.items():
             choice("drift", name, self._names)
             real(f"drift of {name}", sd, 0.0)
-        steps = [(drift or {}).get(name, 0.0) for name in self._names]
+        steps = [drift.get(name, 0.0) for name in self._names]
         spans = [high - low for low, high in (robot.ranges[name] for name in self._names)]
         self._wander = np.diag((np.array(steps) / np.array(spans)) ** 2)
 
+    @own_errors
     def update(self, window: Trial) -> Followed:
         """Return what is known after one more window of the log.
 
@@ -194,6 +198,7 @@ class Follower:
         said = (*found.findings, *rounding)
         return Followed(self.table(), innovation, p, True, said, found.good)
 
+    @own_errors
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of each number now, by name, in natural units.
 

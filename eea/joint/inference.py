@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, callback, choice, finite, instance
 from eea.core.config import FitConfig
+from eea.core.floating import own_errors
 from eea.joint.assumptions import contradiction
 from eea.joint.evidence import log_prior_constant, mixture, with_doubt
 from eea.joint.hypothesis_posterior import HypothesisPosterior
@@ -27,9 +29,11 @@ from eea.statistics.posterior import Posterior
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
+SILENT_SECONDS = 4.0  # of a search, after which its progress is said again
 LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 
+@own_errors
 def fit(
     observed: Observed,
     robot: RobotModel,
@@ -63,7 +67,8 @@ def fit(
     earlier
         The posterior after fewer of these trials, whose optima are starting points.
     progress
-        Called with the name of each hypothesis before it is fitted.
+        Called with the name of each hypothesis before it is fitted, and every four seconds with the
+        number of trials that were simulated so far.
     doubt
         Called with the nominal fit if its residuals are more than noise. It returns whether the
         other hypotheses are worth fitting. None: they are.
@@ -90,7 +95,7 @@ def fit(
         raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
-    counter = _Counter(robot)
+    counter = _Counter(robot, progress)
     robot = replace(robot.varying(config.per_trial), simulate=counter)
     start = (earlier and earlier.warm_start) or WarmStart()
     groups = robot.groups if config.nuisances is None else config.nuisances
@@ -99,8 +104,7 @@ def fit(
         parameters = Parameters.of(robot, len(observed), groups, hypothesis)
         regression = Regression(parameters, observed, config.noise, usual)
         before = start.optima.get(hypothesis.name)
-        if progress is not None:
-            progress(hypothesis.name)
+        counter.begin(hypothesis.name)
         once = not start.explained or robot.prior is not None  # a misfit means a change
         return _optimize(regression, config, rng, before, plain, once)
 
@@ -177,13 +181,28 @@ def _least(optima: Optima) -> float:
 
 
 class _Counter:
-    """A simulator that counts robots."""
+    """A simulator that counts robots, and says every few seconds that the search goes on."""
 
-    def __init__(self, robot: RobotModel) -> None:
+    def __init__(self, robot: RobotModel, progress: Callable[[str], None] | None) -> None:
         self._robot = robot
+        self._progress = progress
+        self._said = time.monotonic()
+        self._doing = ""
         self.robots = 0
 
+    def begin(self, hypothesis: str) -> None:
+        """Say what is fitted from now on."""
+        self._doing = hypothesis
+        self._say(hypothesis)
+
+    def _say(self, words: str) -> None:
+        self._said = time.monotonic()
+        if self._progress is not None:
+            self._progress(words)
+
     def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
+        if time.monotonic() - self._said > SILENT_SECONDS:
+            self._say(f"{self._doing}, after {self.robots} simulated trials")
         self.robots += len(next(iter(values.values())))
         return self._robot.signal(values, inputs, fine)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import TargetError, choice, instance, real, whole
+from eea.core.floating import own_errors
 from eea.core.result import handed_on
 from eea.joint.diagnostics import beyond_range, findings
 from eea.joint.faults import faults, fits_of, unnoticed
@@ -78,6 +79,7 @@ class JointPosterior:
         instance("rng", rng, np.random.Generator)
         return handed_on(self._drawn(count, rng), self.robot.low, self.robot.span)
 
+    @own_errors
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         """Return robots' parameters (count, n), in random order."""
 
@@ -91,6 +93,7 @@ class JointPosterior:
         return self._drawn(INTERVAL_SAMPLES, np.random.default_rng(0))
 
     @cached_property
+    @own_errors
     def model(self) -> Floats:
         """The median parameters (n,) inside the model."""
         rng = np.random.default_rng(0)
@@ -106,6 +109,7 @@ class JointPosterior:
         spread: Floats = self._robots.std(axis=0) / self.robot.span
         return spread
 
+    @own_errors
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's interval, which holds the median.
 
@@ -123,6 +127,7 @@ class JointPosterior:
         choice("hypothesis", hypothesis, known)
         return sum(b.probability for b in self.branches if b.hypothesis.name == hypothesis)
 
+    @own_errors
     def broken(self, name: str, mass: float = 0.9) -> tuple[float, float, float] | None:
         """Return the median and the interval of a number, given that it has changed.
 
@@ -146,6 +151,7 @@ class JointPosterior:
         low, middle, high = np.quantile(drawn, ends).tolist()
         return middle, low, high
 
+    @own_errors
     def table(
         self, mass: float = 0.9, hypothesis: str | None = None
     ) -> dict[str, tuple[float, float, float]]:
@@ -161,6 +167,7 @@ class JointPosterior:
         choice("hypothesis", hypothesis, fitted)
         return fitted[hypothesis].table(mass)
 
+    @own_errors
     def identified(self) -> Identified:
         """Return which numbers the trials determine, and which only in combination.
 
@@ -171,6 +178,7 @@ class JointPosterior:
         """
         return identified(self.best_fit)
 
+    @own_errors
     def prospects(self, trials: Mapping[str, Trial]) -> dict[str, Prospect]:
         """Return what each of some trials would tell if it was performed next, the best first.
 
@@ -214,8 +222,10 @@ class JointPosterior:
     @property
     def findings(self) -> list[str]:
         """The findings in sentences, most important first."""
-        return [*self._findings(), *self.caveats]
+        return [*self._findings, *self.caveats]
 
+    @cached_property
+    @own_errors
     def _findings(self) -> list[str]:
         best = self.branches[0]
         if self.goodness.good and self.robot.parts:

@@ -9,19 +9,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, all_of, brief
+from eea.core.checks import ConfigurationError, all_of, as_array, brief, masked, real_numbers
+from eea.core.floating import callers_errors
 from eea.joint.problem import Values
 from eea.joint.robot_model import RobotModel
 from eea.statistics.noise import Noise, SlowBasis, Whitening, spectrum
 
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
+NOTED_NUMBERS = 20  # of a batch that raised
 LARGEST_NUMBER = 1e100  # of a signal, in any unit: its square, summed and weighed, is finite
 
 
@@ -40,7 +43,7 @@ class Trial:
     inputs: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        signal = _numbers("signal", self.signal)
+        signal = real_numbers("signal", self.signal)
         if signal.ndim != 2 or not np.isfinite(signal).any():
             raise ConfigurationError(
                 "signal must have shape (samples, channels) and a finite sample; got shape "
@@ -52,21 +55,10 @@ class Trial:
             )
         object.__setattr__(self, "signal", signal)
         if self.inputs is not None:
-            inputs = _numbers("inputs", self.inputs)
+            inputs = real_numbers("inputs", self.inputs)
             if not np.isfinite(inputs).all():
                 raise ConfigurationError(f"inputs must be finite; got {brief(self.inputs)}")
             object.__setattr__(self, "inputs", inputs)
-
-
-def _numbers(argument: str, value: object) -> Floats:
-    """Return numbers, of any shape, as an array of their own."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError, RecursionError):
-        given = np.array(None)
-    if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
-        raise ConfigurationError(f"{argument} must be numbers; got {brief(value)}")
-    return np.array(given, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +66,7 @@ class Observed:
     """E trials of the robot."""
 
     #: (E, ...), a row for each trial, of what a simulator takes of it; or a list of E arrays of
-    #: different shapes, or of None.
+    #: different shapes, or of E times None.
     inputs: Any
     signal: Floats  #: (E, T, axes), in the channels' units.
     #: (E, T, axes), or given as (E, T), factors that give all samples the noise of one reading; 0
@@ -107,6 +99,12 @@ class Observed:
         for row, signal in zip(joined, signals, strict=True):
             row[: len(signal)] = signal
         there = np.isfinite(joined)
+        without = [number for number, one in enumerate(trials, 1) if one.inputs is None]
+        if 0 < len(without) < len(trials):
+            raise ConfigurationError(
+                f"trials must all have inputs, or none of them; trial {without[0]} of "
+                f"{len(trials)} has none"
+            )
         inputs: Any = [None if t.inputs is None else np.asarray(t.inputs) for t in trials]
         shapes = {None if one is None else one.shape for one in inputs}
         if len(shapes) == 1 and shapes != {None}:
@@ -226,12 +224,32 @@ class Observed:
         return SlowBasis(np.maximum(variances, 0.0), vectors)
 
 
+def _candidates(values: Values) -> str:
+    """Return a note on what was simulated when ``simulate`` raised."""
+    trials = len(next(iter(values.values())))
+    ends = []
+    for name, numbers in islice(values.items(), NOTED_NUMBERS):
+        low, high = float(numbers.min()), float(numbers.max())
+        ends.append(f"{name} {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
+    more = ", ..." if len(values) > NOTED_NUMBERS else ""
+    return (
+        f"simulate raised this for a batch of {trials} trials with {', '.join(ends)}{more}; return "
+        "NaN for a trial that cannot be simulated, and the search leaves it out"
+    )
+
+
 def _simulated(
     robot: RobotModel, values: Values, inputs: Any, fine: bool, least: tuple[int, int]
 ) -> NDArray[Any]:
     """Return what a robot's simulator does, of at ``least`` (trials, samples)."""
-    signal = np.asarray(robot.signal(values, inputs, fine))
     trials, samples = least
+    try:
+        with callers_errors():
+            given = robot.signal(values, inputs, fine)
+    except Exception as error:
+        error.add_note(_candidates(values))
+        raise
+    signal = np.ma.filled(given, np.nan) if masked(given) else as_array(given)
     channels = len(robot.channels)
     sound = signal.dtype.kind in "fiu" and signal.ndim == 3
     if not (sound and signal[:, :samples].shape == (trials, samples, channels)):

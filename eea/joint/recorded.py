@@ -11,6 +11,7 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, choice, finite, instance, mapping, real, whole
 from eea.core.config import FitConfig
+from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
@@ -27,6 +28,7 @@ RECORDED_CONFIG = FitConfig(alternatives="always")
 MOST_NOISE_ROUNDS = 6
 
 
+@own_errors
 def infer(
     robot: RobotModel,
     trials: Sequence[Trial],

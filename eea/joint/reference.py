@@ -16,6 +16,7 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, all_of, brief, instance, real
 from eea.core.config import FALSE_ALARM_RATE, FitConfig
+from eea.core.floating import own_errors
 from eea.joint.contradiction import contradictions
 from eea.joint.hypothesis_posterior import LEAST_SD
 from eea.joint.joint_posterior import JointPosterior
@@ -68,6 +69,7 @@ class Reference:
         found = infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
         return replace(found, caveats=self.findings)
 
+    @own_errors
     def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
         """Return whether the robot as it was explains a log, at a rate of false alarms."""
         real("alarm", alarm, 0.0, 1.0)
@@ -77,6 +79,7 @@ class Reference:
         return Look(p, p >= alarm, _misfit(fitted.best_fit))
 
 
+@own_errors
 def learn(
     robot: RobotModel,
     known_good: Sequence[Trial],

@@ -8,6 +8,7 @@ import numbers
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -40,6 +41,7 @@ from eea.statistics.normal import Normal
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
+MOST_ALTERNATIVES = 2000  # 200 of 200 numbers take five minutes of one core, beside the simulator's
 NUISANCE_RANGE_SDS = 5.0  # on each side of the mean of a nuisance that is given as a Normal
 NOTHING_BROKEN = Hypothesis("nothing is broken")
 
@@ -53,7 +55,8 @@ class Simulate(Protocol):
         ``values`` has the parameters, nuisances and hidden angles by name, (B,) each, in natural
         units and rad. ``inputs`` (B, ...) are the trials' own: a command, a series of them, or what
         else was given with them; None where nothing was. No trial may depend on the others; one
-        that diverges gives a signal that is not finite. Trials of unequal length may be simulated
+        that diverges gives a signal that is not finite, or masked: an exception would end the
+        search. Trials of unequal length may be simulated
         for as long as the longest. A simulator may take a third argument, ``fine``: whether double
         precision is asked for.
         """
@@ -184,7 +187,14 @@ class RobotModel:
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """What may hold instead of ``nominal``: hypotheses, and several of them at once."""
         stated = any_change(self.whole) if self.hypotheses is None else self.hypotheses
-        return tuple(together(stated, self.at_once))
+        found = tuple(islice(together(stated, self.at_once), MOST_ALTERNATIVES + 1))
+        if len(found) > MOST_ALTERNATIVES:
+            raise ConfigurationError(
+                f"hypotheses must be at most {MOST_ALTERNATIVES}, each of which is fitted; those "
+                f"of {len(stated)} changes, {self.at_once} at once, are more: lower at_once, or "
+                "state the hypotheses that matter"
+            )
+        return found
 
     @property
     def names(self) -> tuple[str, ...]:

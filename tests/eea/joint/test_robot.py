@@ -161,6 +161,88 @@ def test_a_simulator_of_the_wrong_shape_is_refused(wrong, lengths):
     refused("simulate must return numbers of shape", lambda: infer(robot, trials))
 
 
+def test_a_simulator_that_raises_says_for_which_trials():
+    def give_up(values, push):
+        if (values["gain"] > 1.5).any():
+            raise ArithmeticError("the solver did not converge")
+        return roll(values, push)
+
+    with pytest.raises(ArithmeticError, match="the solver did not converge") as raised:
+        infer(replace(SOUGHT, simulate=give_up), [measured(np.random.default_rng(0))])
+    (note,) = raised.value.__notes__
+    assert re.search(r"a batch of \d+ trials with gain [\d.]+ to 1\.\d+, drag .* return NaN", note)
+
+
+def test_masked_numbers_of_a_simulator_are_those_of_trials_that_failed():
+    def give_up(values, push):
+        failed = (values["gain"] > 1.5)[:, None, None]
+        signal = roll(values, push)
+        return np.ma.array(
+            np.where(failed, 0.0, signal), mask=np.broadcast_to(failed, signal.shape)
+        )
+
+    trials = [measured(np.random.default_rng(0))]
+    found = infer(replace(SOUGHT, simulate=give_up), trials).table()
+    assert found["gain"][0] == pytest.approx(infer(SOUGHT, trials).table()["gain"][0], abs=1e-3)
+
+
+def test_trials_with_and_without_inputs_are_refused():
+    one = measured(np.random.default_rng(0))
+    several = [one, Trial(one.signal)]
+    refused("trials must all have inputs, or none of them; trial 2 of 2 has none",
+            lambda: CART.infer(several))  # fmt: skip
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_a_caller_that_raises_floating_point_errors_ends_no_inference(everywhere):
+    def strict(values, push):
+        np.seterr(all="raise")
+        return roll(values, push)
+
+    rng = np.random.default_rng(0)
+    robot = replace(CART, simulate=roll if everywhere else strict)
+    known_good = [measured(rng) for _ in range(3)]
+    plain = infer(CART, known_good[:1]).table()
+    with np.errstate(all="raise" if everywhere else "warn"):
+        found = infer(robot, known_good[:1])
+        assert found.table() == plain
+        assert found.findings
+        assert found.broken("gain")
+        found.prospects({"again": known_good[0]})
+        reference = replace(robot, whole={}, hypotheses=()).learn(known_good, config=QUICK)
+        assert reference.watch(known_good[0]).same
+        follower = replace(robot, whole={}).follow({"rate": 0.05, "force": 5e4})
+        assert not any(follower.update(one).alarm for one in known_good)
+        assert np.geterr()["under"] == ("raise" if everywhere else "warn")
+
+
+def test_what_is_raised_in_a_simulator_as_its_caller_asks_is_told():
+    def divide(values, push):
+        return roll(values, push) / (values["gain"] > 1.5)[:, None, None]
+
+    with np.errstate(all="raise"), pytest.raises(FloatingPointError) as raised:
+        infer(replace(SOUGHT, simulate=divide), [measured(np.random.default_rng(0))])
+    assert "simulate raised this" in raised.value.__notes__[0]
+
+
+def test_more_hypotheses_than_can_be_fitted_are_refused():
+    names = [f"n{i}" for i in range(70)]
+    many = {
+        "parameters": dict.fromkeys(names, (0.0, 1.0)), "simulate": roll, "channels": {"y": "m"},
+        "whole": dict.fromkeys(names, 0.5),
+    }  # fmt: skip
+    assert len(Robot(**many).alternatives) == 70
+    refused("hypotheses must be at most 2000", lambda: Robot(**many, at_once=2))
+
+
+def test_a_long_search_says_that_it_goes_on(monkeypatch):
+    monkeypatch.setattr("eea.joint.inference.SILENT_SECONDS", 0.0)
+    said = []
+    infer(CART, [measured(np.random.default_rng(0))], progress=said.append)
+    assert "nothing is broken" in said
+    assert any(re.fullmatch(r"gain has changed, after \d+ simulated trials", s) for s in said)
+
+
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_a_simulator_that_never_stays_finite_is_named():
     robot = replace(CART, simulate=lambda values, push: np.nan * roll(values, push))
