@@ -68,7 +68,7 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
     """Return a seed for each robot, from one number, one each, or None."""
     if seed is None:
         return [None] * count
-    if not isinstance(seed, list | tuple | range | np.ndarray):
+    if not (isinstance(seed, list | tuple | range | np.ndarray) and np.ndim(seed)):
         first = integer("seed", seed, 0)
         return [first + i for i in range(count)]
     if len(seed) != count:
@@ -78,7 +78,8 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
 
 def check_mask(mask: object, count: int) -> Flags:
     """Return a mask (count,) of the robots to reset, at least one."""
-    found: Flags = mask if isinstance(mask, np.ndarray) else np.zeros(0, np.bool_)
+    sound = isinstance(mask, np.ndarray) and not np.ma.is_masked(mask)
+    found: Flags = mask if sound else np.zeros(0, np.bool_)  # type: ignore[assignment]
     if found.dtype != np.bool_ or found.shape != (count,) or not found.any():
         raise InvalidArgumentError(
             f'options["reset_mask"] must be ({count},) of bool with at least one True; '

@@ -74,7 +74,8 @@ class Channels:
         self._neutral = np.clip(0.0, self._low, self._high)
         if neutral is not None:
             several = isinstance(neutral, list | tuple) or np.ndim(neutral)
-            each = neutral if several else np.full(self.action.shape, neutral)
+            one = () if several else finite_array("neutral", neutral, ())
+            each = neutral if several else np.full(self.action.shape, one)
             ends = self.action.low, self.action.high
             self._neutral = finite_array("neutral", each, self.action.shape, *ends).ravel()
         self._sizes = {"action": len(self._low), "observation": len(self._ends[0])}

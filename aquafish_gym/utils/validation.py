@@ -245,10 +245,23 @@ def _finite(text: str) -> float:
 
 def _real(value: Any) -> NDArray[np.float64]:
     """Return numbers as a new array; text, booleans and masks raise TypeError or ValueError."""
-    raw = np.asarray(value)
-    if raw.dtype.kind not in "iuf" or np.ma.is_masked(value):
+    if _masked(value):
+        raise TypeError("not all there")
+    try:
+        raw = np.asarray(value)
+    except RuntimeError as error:  # a tensor of torch that requires a gradient
+        raise TypeError("not an array") from error
+    if raw.dtype.kind not in "iuf":
         raise TypeError("not real numbers")
-    return np.array(raw, dtype=np.float64)
+    with np.errstate(over="ignore"):  # a longer float becomes infinite
+        return np.array(raw, dtype=np.float64)
+
+
+def _masked(value: Any) -> bool:
+    """Return whether an entry is masked; numpy reads the number behind it."""
+    if isinstance(value, list | tuple):
+        return any(map(_masked, value))
+    return isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
 
 
 def printable(text: str) -> str:

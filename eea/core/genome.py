@@ -173,7 +173,10 @@ def action_layout(table: Iterable[tuple[str, float, float]]) -> BitLayout:
 
 def _rows(table: Iterable[tuple[Any, ...]], wanted: str) -> list[tuple[Any, ...]]:
     """Return the rows of three of a table."""
-    rows = list(table) if isinstance(table, Iterable) else []
+    try:
+        rows = list(table)
+    except TypeError:  # also of an array without dimensions, which is iterable by name
+        rows = []
     if not rows or not all(isinstance(row, list | tuple) and len(row) == 3 for row in rows):
         raise ConfigurationError(f"table must be rows of {wanted}; got {brief(table)}")
     return rows

@@ -55,6 +55,11 @@ def swing(values: Any, commands: Any) -> Any:
     return (values[LENGTH.name][:, None] * np.sin(phase))[:, :, None]
 
 
+def stretch(values: Any, pull: Any) -> Any:
+    """Simulate a spring."""
+    return (values["stiffness"][:, None] * pull)[:, :, None]
+
+
 def listen(*_news: object) -> None:
     """Hear of progress."""
 
@@ -82,6 +87,20 @@ SETTINGS = {
     "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
+#: A robot that is answered, learned and followed: a number with hidden names and a hypothesis.
+SPRING = Robot(
+    {"stiffness": (1.0, 9.0)}, stretch, {"force": "N"}, whole={"stiffness": 4.0},
+)  # fmt: skip
+SOFT = Robot({"stiffness": (1.0, 9.0)}, stretch, {"force": "N"}, hypotheses=())
+PULL = np.sin(np.arange(40.0))
+PULLED = [
+    Trial((4.0 * PULL + np.random.default_rng(i).normal(0.0, 0.1, 40))[:, None], PULL)
+    for i in range(2)
+]
+EFFORT = FitConfig(alternatives="always", bodies=2, poses=1, descents=1, polished=1, restarts=0)
+BELIEF = SPRING.infer(PULLED, config=EFFORT)
+REFERENCE = SOFT.learn(PULLED, config=EFFORT)
+FOLLOWER = SOFT.follow({"force": 0.1})
 QUICK = PaperConfig(condition="none", steps=64, rounds=1)
 NAMES = "empty list, list of text"
 NOISE = {"nuisances": "none", "noise": "none, fraction, big"}
@@ -252,6 +271,47 @@ ROWS = [
             discrepancy="none", loudest="fraction, big, infinity",
         ),
     ),
+    Call(
+        SPRING.infer,
+        {"trials": PULLED, "seed": 0, "config": EFFORT, "noise": None, "progress": listen},
+        options(config="none", noise="none", progress=f"none, {CALLABLE}"),
+    ),
+    Call(
+        SOFT.learn,
+        {
+            "known_good": PULLED, "sessions": None, "seed": 0, "config": EFFORT, "ongoing": None,
+        },
+        options(sessions="none, list of text, words", config="none", ongoing="none"),
+    ),
+    Call(
+        SOFT.follow,
+        {"noise": {"force": 0.1}, "alarm": 0.01, "drift": None, "seed": 0},
+        options(alarm="fraction", drift="none, empty mapping"),
+    ),
+    Call(FOLLOWER.update, {"window": PULLED[0]}),
+    Call(FOLLOWER.table, {"mass": 0.9}, options(mass="fraction")),
+    Call(
+        REFERENCE.infer,
+        {"trials": PULLED, "seed": 0, "config": EFFORT, "progress": listen},
+        options(config="none", progress=f"none, {CALLABLE}"),
+    ),
+    Call(
+        REFERENCE.watch,
+        {"log": PULLED[0], "seed": 0, "alarm": 0.01},
+        options(alarm="fraction"),
+        {"log": "trials"},
+    ),
+    Call(BELIEF.sample, {"count": 1, "rng": np.random.default_rng(0)}),
+    Call(BELIEF.interval, {"mass": 0.9}, options(mass="fraction")),
+    Call(BELIEF.probability, {"hypothesis": "nothing is broken"}),
+    Call(BELIEF.broken, {"name": "stiffness", "mass": 0.9}, options(mass="fraction")),
+    Call(
+        BELIEF.table,
+        {"mass": 0.9, "hypothesis": None},
+        options(mass="fraction", hypothesis="none"),
+    ),
+    Call(BELIEF.prospects, {"trials": {"pull": PULLED[0]}}),
+    Call(BELIEF.angles, {"trial": 0, "mass": 0.9}, options(mass="fraction")),
     Call(
         fit,
         {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -58,6 +59,10 @@ STRANGE: Mapping[str, Any] = MappingProxyType(
         "words": np.array(["0", "1"]),
         "cube": np.zeros((2, 2, 2)),
         "nans": np.full((1, 3), np.nan),
+        "masked number": np.ma.masked,
+        "objects": np.array([0.5, None], object),
+        "dates": np.array(["2026-01-01"], "datetime64[D]"),
+        "fields": np.zeros(1, [("x", np.float64)]),
     }
 )
 CALLABLE = "type, function"
@@ -93,6 +98,19 @@ class Call:
         legal = self.legal.get(argument, frozenset())
         assert legal <= set(STRANGE)
         return {name: value for name, value in STRANGE.items() if name not in legal}
+
+    def masked(self, argument: str) -> dict[str, Any]:
+        """Return an argument's own numbers with a masked entry, as one array and in a list."""
+        value = self.arguments[argument]
+        if not isinstance(value, np.ndarray | list | tuple):
+            return {}
+        with suppress(ValueError):  # ragged
+            numbers = np.array(value)
+            if numbers.ndim and numbers.size and numbers.dtype.kind in "iuf":
+                first = np.arange(numbers.size).reshape(numbers.shape) == 0
+                hidden = np.ma.array(numbers, mask=first)
+                return {"masked": hidden, "list of masked": list(hidden)}
+        return {}
 
     def refusal(self, argument: str, value: Any) -> Exception | None:
         """Return what the function raises for a value, or None if it takes it."""
@@ -130,7 +148,7 @@ def complaints(call: Call, argument: str) -> dict[str, str]:
     """Return the strange values that an argument does not refuse as it should, and why."""
     return {
         name: complaint
-        for name, value in call.wrong(argument).items()
+        for name, value in (call.wrong(argument) | call.masked(argument)).items()
         if (complaint := call.complaint(argument, call.refusal(argument, value)))
     }
 

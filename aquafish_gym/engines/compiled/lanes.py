@@ -66,7 +66,8 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
     batch = rows.shape[1]
     table = np.empty((len(rows), batch + -batch % width), dtype)
-    table[:, :batch] = rows
+    with np.errstate(under="ignore"):  # in single precision
+        table[:, :batch] = rows
     if batch % width:
         table[:, batch:] = rows[:, -1:]
     return table.reshape(-1)
