@@ -419,10 +419,11 @@ class Viewer:
     def run(self) -> None:
         """Print the address, update 20 times a second until Ctrl-C, then stop the server.
 
-        An update that fails is reported, and the next one follows.
+        An update that fails is reported, and the next one follows; if the first fails, so does all.
         """
         due = time.monotonic()
         try:
+            self.update()  # a policy that returns no action is refused before the page is opened
             print(f"{self.url}  (Ctrl-C ends it)", flush=True)
             while True:
                 with self._going_on():

@@ -284,6 +284,8 @@ def test_an_update_that_fails_is_reported_once_and_the_viewer_goes_on(
     def policy(_observation: Any, _time: float) -> Any:
         nonlocal calls
         calls += 1
+        if calls == 1:
+            return (0.0, 0.0, 0.0)
         if calls == 5:
             raise KeyboardInterrupt
         raise ValueError(f"no \x1b[31m action {calls}")
@@ -303,6 +305,14 @@ def test_an_update_that_fails_is_reported_once_and_the_viewer_goes_on(
     assert [line.split()[0] for line in lines] == ["KeyError:", "ValueError:"]
     assert "\x1b" not in "".join(lines)
     assert all("the viewer goes on" in line for line in lines)
+
+
+def test_a_policy_that_fails_at_once_ends_the_viewer(capsys: pytest.CaptureFixture[str]) -> None:
+    pilots = {"policy": pilot_of(lambda _observation, _time: (0.0, 0.0))}
+    viewer = Viewer(LiveSwim(pilots["policy"]), pilots, 8390)
+    with pytest.raises(InvalidArgumentError, match="actions must"):
+        viewer.run()
+    assert capsys.readouterr().out == ""
 
 
 def test_an_upload_ends_its_connection_alone(viewer: Viewer) -> None:
