@@ -68,7 +68,8 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
     """Return a seed for each robot, from one number, one each, or None."""
     if seed is None:
         return [None] * count
-    if not (isinstance(seed, list | tuple | range | np.ndarray) and np.ndim(seed)):
+    alone = isinstance(seed, np.ndarray) and not seed.ndim
+    if alone or not isinstance(seed, list | tuple | range | np.ndarray):
         first = integer("seed", seed, 0)
         return [first + i for i in range(count)]
     if len(seed) != count:

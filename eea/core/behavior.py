@@ -65,7 +65,7 @@ def gyro_samples(
         raise TargetError(f"a log must hold gyro; that of {source} holds none")
     try:
         hidden = masked(gyro)
-        samples = np.zeros(0) if hidden else np.asarray(gyro)
+        samples: NDArray[Any] = np.zeros(0) if hidden else np.asarray(gyro)
     except ValueError:
         raise TargetError(f"a log must hold {wanted}; gyro of {source} is ragged") from None
     except RuntimeError as error:  # a tensor of torch that requires a gradient

@@ -41,7 +41,7 @@ from eea.statistics.normal import Normal
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
-MOST_ALTERNATIVES = 2000  # 200 of 200 numbers take five minutes of one core, beside the simulator's
+MOST_ALTERNATIVES = 2000  # 200, of 200 numbers, take nine minutes of one core
 NUISANCE_RANGE_SDS = 5.0  # on each side of the mean of a nuisance that is given as a Normal
 NOTHING_BROKEN = Hypothesis("nothing is broken")
 
