@@ -359,13 +359,13 @@ def test_a_path_that_no_file_system_takes_is_refused_before_any_work(
     from eea import SwimLog, load_posterior, read_log, write_log
     from eea.study.report import report
     from gait import Controller
-    from gait.controllers.c_files import c_files
+    from gait.controllers.c_files import c_file_path
 
     monkeypatch.chdir(tmp_path)
     log = SwimLog(0.01 * np.arange(65), np.zeros((65, 3)), np.full((65, 3), 0.4))
     doors = [
         lambda path: write_log(path, log), read_log, load_posterior, report, Controller.load,
-        lambda path: c_files("c", path), storage.ensure_writable_directory, storage.output_file,
+        lambda path: c_file_path("c", path), storage.ensure_writable_directory, storage.output_file,
         lambda path: storage.write_bytes(path, b""), lambda path: read_document(path),
     ]  # fmt: skip
     for door in doors:
