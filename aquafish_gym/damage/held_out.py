@@ -46,7 +46,8 @@ def held_out(
     damages = lists()[one_of("name", name, lists())]
     if numbers is None:
         return list(damages.values())
-    if isinstance(numbers, str | bytes) or not isinstance(numbers, Sequence | np.ndarray):
+    several = isinstance(numbers, Sequence) and not isinstance(numbers, str | bytes)
+    if not several and not (isinstance(numbers, np.ndarray) and numbers.ndim):
         raise InvalidArgumentError(
             f"numbers must be a list of whole numbers, such as range(100); got {brief(numbers)}"
         )

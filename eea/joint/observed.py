@@ -229,7 +229,8 @@ def _candidates(values: Values) -> str:
     trials = len(next(iter(values.values())))
     ends = []
     for name, numbers in islice(values.items(), NOTED_NUMBERS):
-        low, high = float(numbers.min()), float(numbers.max())
+        low = float(numbers.min())
+        high = float(numbers.max())
         ends.append(f"{name} {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
     more = ", ..." if len(values) > NOTED_NUMBERS else ""
     return (

@@ -83,6 +83,7 @@ def test_nothing_alarms_it_while_nothing_breaks(options: dict[str, Any]) -> None
     assert whats(agent) == ["chose"]
 
 
+@pytest.mark.slow
 def test_in_water_with_added_mass_it_swims_another_gait_without_an_alarm() -> None:
     noisy = AgentConfig(gyro_noise=0.01, generations=20, refinements=1)
     agent, info, _ = swim("gyro:noise=0.01", 300, noisy, reactive=True)

@@ -190,6 +190,7 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
             assert body == controller.morphology
 
 
+@pytest.mark.slow
 def test_without_pybullet_nothing_is_missing(study: Path, again: Path) -> None:
     outcome = "seed-000/out-of-band/outcome.json"
     (again / outcome).unlink()

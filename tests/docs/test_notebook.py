@@ -31,6 +31,7 @@ def frames(film: pathlib.Path | io.BytesIO) -> tuple[int, tuple[int, int]]:
         return image.n_frames, image.size  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_the_notebook_prints_and_films_what_it_shows(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ print(json.dumps([inferred, [events, agent.model.robot.body.tolist(), info["y_po
 """
 
 
+@pytest.mark.slow
 def test_a_body_its_gait_and_an_agent_do_not_depend_on_the_processor() -> None:
     found = []
     for kernels in KERNELS:
