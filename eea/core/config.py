@@ -167,6 +167,10 @@ class PaperConfig:
         populations["estimation.population"] = models
         if self.condition == "in-band":
             at_most("in_band.best", self.in_band.best, "estimation.population", models)
+        elif self.in_band != InBandConfig():
+            raise ConfigurationError(
+                f"in_band is for the condition in-band; got {self.in_band} with {self.condition}"
+            )
         if self.condition in OUT_OF_BAND:
             judges = self.out_of_band.sampled_models or 0
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from eea.core.angles import circular_distance
 from eea.core.behavior import summarize
+from eea.core.checks import ConfigurationError
 from eea.core.conditions import first_context, infer_angles, models_range, opt_ang
 from eea.core.config import GeneticConfig, InBandConfig, OutOfBandConfig, PaperConfig
 from eea.core.experiment import Context, Experiment, Trials
@@ -97,3 +100,9 @@ def test_revisit_updates_earlier_experiments():
         assert moved == bool(revisit)
         assert newest.context.fixed
         assert both[1].context.confidence == 0.0  # experiments are immutable
+
+
+@pytest.mark.parametrize("condition", ["none", "ideal", "out-of-band", "recovery"])
+def test_in_band_settings_of_another_condition_are_refused(condition: Any) -> None:
+    with pytest.raises(ConfigurationError, match="in_band is for the condition in-band"):
+        PaperConfig(condition=condition, in_band=InBandConfig(best=5))
