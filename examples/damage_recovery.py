@@ -10,7 +10,7 @@ for that body in simulation, and swims on. Each step and where it is implemented
    *out-of-band* EEA, the posterior of *joint* inference or, as the *oracle*, the true one. A model
    comes from ``eea.fish_eea``, round by round.
 3. A gait for that body, or for a sample of bodies, ``gait.evolve_gait``.
-4. The distance of that gait on the assumed body and on the damaged robot, ``gait.scores.transfer``.
+4. The distance of that gait on the assumed body and on the damaged robot, ``gait.swims.transfer``.
    Steps 2 to 4 are ``aquafish.recovery.treatment.treat``, a pure function of a ``Treatment``.
 5. Every treatment of every seed runs in worker processes or on a cluster, and each outcome is
    written when it is finished. The same command resumes.

@@ -24,9 +24,9 @@ from aquafish_gym import IDS
 from aquafish_gym.runs.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.runs.progress import track
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
-from gait.scores.episode import transitions
+from gait.swims.episode import transitions
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from experiments.league.draws import OUTSIDE, Draw, episode_rng, three_faults
-from gait.scores.evaluation import FIRST_SEED
+from gait.swims.evaluation import FIRST_SEED
 
 PLACE = Path(str(aquafish_gym.damage.__file__)).with_name(FILE)
 #: Of the lists whose damages depend on the number and the list's name alone.

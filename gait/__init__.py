@@ -1,8 +1,7 @@
 """Gaits: controllers evolved for a body, and how they swim on another.
 
-``controllers`` is what steers a robot, ``scores`` how far it swims, ``search`` how one is evolved,
-``learning`` PPO for comparison. ``gait.agent``, ``gait.controller``, ``gait.evaluation``,
-``gait.network`` and ``gait.sb3_env`` are names that users import.
+``controllers`` is what steers a robot, ``swims`` how far it swims, ``search`` how one is evolved,
+``learning`` PPO for comparison. ``gait.sb3_env`` is a name that users import.
 """
 
 import lazy_loader
@@ -12,11 +11,12 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "controllers.agents": ["Agent", "ControllerAgent"],
         "controllers.controller": ["Controller"],
-        "controllers.policy": ["ControllerLike", "HasPolicy", "Policy"],
-        "scores.evaluation": ["Evaluation", "evaluate"],
-        "scores.fitness": ["distances"],
-        "scores.rollout": ["Swim", "random_poses", "swim", "swim_all"],
         "search.evolve": ["EvolveConfig", "Evolved", "damaged_at_random", "evolve_gait"],
+        "swims.evaluation": ["Evaluation", "evaluate"],
+        "swims.poses": ["random_poses"],
+        "swims.scores": ["distances", "scores"],
+        "swims.swim": ["Swim", "swim"],
     },
 )

@@ -35,7 +35,6 @@ from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE
 from gait.learning.train import CURVE_FILE, CurvePoint, LearningConfig, train
-from gait.scores.transfer import TransferConfig, transfer
 from gait.search.evolve import (
     FINAL_POSES,
     EvolveConfig,
@@ -44,6 +43,7 @@ from gait.search.evolve import (
     evolve_gait,
 )
 from gait.search.history import HISTORY_FILE
+from gait.swims.transfer import TransferConfig, transfer
 
 
 @dataclass(frozen=True)

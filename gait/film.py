@@ -34,7 +34,7 @@ from aquafish_gym.utils.validation import (
     utf8_text,
 )
 from gait.controllers.controller import INTERVAL, Controller
-from gait.scores.rollout import SECONDS, Swim, sampling_steps, step_count
+from gait.swims.swim import SECONDS, Swim, sampling_steps, step_count
 
 NO_DAMAGE = Damage()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gait.scores.rollout import Swim
+from gait.swims.swim import Swim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

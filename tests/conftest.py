@@ -42,12 +42,12 @@ def pytest_runtest_call() -> Generator[None, None, None]:
 _LANES = """
 import numpy as np
 from aquafish_gym import Morphology, simulate
-from gait import Controller, swim_all
+from gait import Controller, scores
 command = [0.1, 0.1, 0.5]
 for commands, reactive in (([command], False), ([[command] * 2], False), ([command], True)):
     simulate(None, commands, steps=4, engine="numba", dtype="{dtype}", reactive=reactive)
 network = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), seed=0)
-swim_all([network], None, seconds=0.1, dtype="{dtype}")
+scores([network], None, seconds=0.1, dtype="{dtype}")
 """
 _ONE_BY_ONE = """
 from importlib.util import find_spec

@@ -119,11 +119,11 @@ def random_networks() -> list[Any]:
 def swims(dtype: str) -> Any:
     """Return how far two networks swim on two bodies, in the lanes and alone."""
     from aquafish_gym import Morphology
-    from gait import swim, swim_all
+    from gait import scores, swim
 
     networks, body = random_networks(), Morphology.nominal()
     broken = [body, {"left_pectoral": (0.4, 0.8, 0.1)}]
-    far = swim_all(networks, broken, [(0.1, 0.2, 0.3), (1.0, -2.0, 0.5)], seconds=2, dtype=dtype)
+    far = scores(networks, broken, [(0.1, 0.2, 0.3), (1.0, -2.0, 0.5)], seconds=2, dtype=dtype)
     paths = [swim(network, body, engine="numba", seconds=2).position for network in networks]
     return [far, paths]
 

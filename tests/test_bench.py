@@ -75,8 +75,8 @@ def test_neat_python_baseline_swims_the_same_distance() -> None:
     pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
-    from gait.scores.rollout import swim
     from gait.search.neat import Evolution
+    from gait.swims.swim import swim
     from instruments.benchmarks.gait import _build, swim_as_usual
 
     body = Morphology.nominal()

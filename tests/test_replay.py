@@ -25,7 +25,7 @@ from aquafish_gym.rendering.course import FilmedSwim
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.film import filmed
-from gait.scores.rollout import swim
+from gait.swims.swim import swim
 from tests.browser import Page, browser
 
 HEALTHY = Morphology.nominal()

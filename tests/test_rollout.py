@@ -23,11 +23,11 @@ from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.network import Senses
-from gait.scores.rollout import random_poses
 from gait.search.templates import Template
+from gait.swims.poses import random_poses
 
 ROBOTS, SECONDS, INTERVAL = 5, 4.0, 20
 POSES = random_poses(ROBOTS, 1)

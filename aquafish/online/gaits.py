@@ -12,7 +12,7 @@ from aquafish_gym.utils.storage import read_document, read_packaged
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
-from gait.scores.fitness import swim_scores
+from gait.swims.scores import scores
 
 LIBRARY_SCHEMA = "aquafish.library/1"
 MAXIMUM_REFINED_NODES = 30  # nodes of a network that CMA-ES refines in a second
@@ -55,9 +55,7 @@ def imagine(
     ``robot`` is a scenario of one. The controllers know its fin angles and servo gains.
     """
     world = WorldConfig.of(robot)
-    far = swim_scores(
-        controllers, robot.body[0], seconds=seconds, world=world, threads=1, start=state
-    )
+    far = scores(controllers, robot.body[0], seconds=seconds, world=world, threads=1, start=state)
     return far[:, 0]
 
 

@@ -14,7 +14,7 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
 
 Gait = Controller | TeacherGait

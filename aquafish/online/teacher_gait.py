@@ -17,8 +17,8 @@ from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
-from gait.scores.fitness import penalize_diverged
 from gait.search.cma import evolution_strategy
+from gait.swims.scores import penalize_diverged
 
 PHASES = 8  # of its clock in which a teacher stands among the gaits
 POPULATION = 32

@@ -40,8 +40,8 @@ from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, w
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, printable
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from gait.controllers.controller import Controller
-from gait.scores.transfer import TransferConfig
 from gait.search.evolve import EvolveConfig
+from gait.swims.transfer import TransferConfig
 
 REPORT_SCHEMA = "aquafish.recovery/1"
 REPORT, PAGE = "report.json", "report.html"

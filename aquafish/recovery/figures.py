@@ -24,7 +24,7 @@ from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
 from eea.study.statistics import interval
 from gait.plots import DPI, draw_trajectories
-from gait.scores.rollout import Swim
+from gait.swims.swim import Swim
 
 # Joint inference has its colour of the studies' figures; the oracles share a hue.
 COLOURS = {

@@ -17,9 +17,9 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import instance
 from gait.controllers.controller import Controller
-from gait.scores.episode import transitions
-from gait.scores.rollout import random_poses
-from gait.scores.transfer import TransferConfig
+from gait.swims.episode import transitions
+from gait.swims.poses import random_poses
+from gait.swims.transfer import TransferConfig
 
 ONSET_SECONDS = 12.0  # s; in the first ten the agent measures its model's error
 

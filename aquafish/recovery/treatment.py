@@ -21,9 +21,9 @@ from eea.fish import EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.fish.fins import fins_after
 from eea.study.presets import smoke
 from gait.controllers.controller import Controller
-from gait.scores.rollout import Swim
-from gait.scores.transfer import TransferConfig, transfer
 from gait.search.evolve import EvolveConfig, damaged_at_random, evolve_gait
+from gait.swims.swim import Swim
+from gait.swims.transfer import TransferConfig, transfer
 
 EVOLVED_BODIES = 50  # from a posterior, or randomly damaged, that one gait is evolved for
 OUTCOME_MASS = 0.9  # of the posterior intervals in an outcome

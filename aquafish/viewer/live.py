@@ -26,10 +26,8 @@ from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.sense import limits, observe
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from gait.controllers.agents import Agent, held_steps, make_agent
 from gait.controllers.controller import Controller
-from gait.controllers.pilots import Pilot as Agent
-from gait.controllers.pilots import make_pilot
-from gait.scores.rollout import held_steps
 
 MAXIMUM_VIEWED_ROBOTS = 64
 MAXIMUM_VIEWED_FAULTS = 30  # of a robot
@@ -49,9 +47,9 @@ class ViewerPilot(NamedTuple):
 
 
 def pilot_of(steers: object) -> ViewerPilot:
-    """Return a pilot of whatever steers robots; see ``gait.controllers.pilots.KINDS``."""
+    """Return a pilot of whatever steers robots; see ``gait.controllers.agents.KINDS``."""
     interval = held_steps(steers)
-    return ViewerPilot(make_pilot(steers, interval, interval * TIMESTEP, "policy"), interval)
+    return ViewerPilot(make_agent(steers, interval, argument="policy"), interval)
 
 
 def random_pilot(seed: int) -> ViewerPilot:

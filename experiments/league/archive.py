@@ -31,11 +31,10 @@ from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.storage import write_document
 from experiments.league.policy import DT, SENSES, Offline, begin_inputs, drive
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import Agent, ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN
-from gait.controllers.pilots import Pilot
-from gait.scores.episode import transitions
+from gait.swims.episode import transitions
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +85,7 @@ def varied(gait: Controller, vector: Floats) -> Controller:
     return replace(gait, weights=weights, bias=bias)
 
 
-def swim(agent: Pilot, envs: Any, seed: int) -> tuple[Floats, Floats]:
+def swim(agent: Agent, envs: Any, seed: int) -> tuple[Floats, Floats]:
     """Return the paces (B,), units/s, and descriptors (B, 3) of a swim from random poses."""
     observations, info = envs.reset(seed=seed)
     agent.reset(info)

@@ -28,8 +28,8 @@ from experiments.league.draws import (
 from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
 from experiments.league.policy import DT
 from experiments.league.waters import Water, engine_of
-from gait.scores.episode import transitions
-from gait.scores.evaluation import FIRST_SEED
+from gait.swims.episode import transitions
+from gait.swims.evaluation import FIRST_SEED
 
 Task = Literal["recovery", "return"]
 IDS: dict[Task, str] = {"recovery": "AquaFishRecovery-v0", "return": "AquaFishReturn-v0"}

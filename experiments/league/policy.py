@@ -19,7 +19,7 @@ from aquafish.online.teacher import SHAPES as TEACHER_SHAPES
 from aquafish.online.teacher import Teacher, decode_weights, encode_weights
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
 from aquafish_gym.utils.storage import read_document, write_document
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import OUTPUT_GAIN, Senses

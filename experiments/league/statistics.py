@@ -13,7 +13,7 @@ from aquafish_gym.morphology import FINS
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
 from experiments.league.policy import DT
-from gait.scores.evaluation import success_rate
+from gait.swims.evaluation import success_rate
 
 Floats = NDArray[np.float64]
 Result = Mapping[str, Any]

@@ -22,9 +22,9 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.study.presets import smoke
 from experiments.reality_gap.worlds import WORLDS, gap_of, seized_of
 from gait import Controller
-from gait.scores.rollout import random_poses
-from gait.scores.transfer import score
 from gait.search.evolve import EvolveConfig, evolve_gait
+from gait.swims.poses import random_poses
+from gait.swims.transfer import swims_on
 
 METHODS: tuple[Condition, ...] = ("none", "in-band", "out-of-band", "joint")
 ORACLE = "oracle"  # knows the true body; other distances are a share of its gait's
@@ -207,7 +207,7 @@ def _swim(job: GapJob, controller: Controller) -> list[float]:
     poses = random_poses(settings.poses, job.seed)
     for fault in job.seized.faults:
         poses[:, FINS.index(fault.part)] = fault.number
-    scored = score(controller, job.body, poses, engine, settings.gait.seconds, job.gap)
+    scored = swims_on(controller, job.body, poses, engine, settings.gait.seconds, job.gap)
     distances = scored.random_distances
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]
 

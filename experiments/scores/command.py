@@ -41,7 +41,7 @@ from experiments.scores.figures import curves_figure, scores_figure
 from experiments.tables import do_table
 from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, load_extra
-from gait.scores.evaluation import EPISODES, Interval, interquartile_mean, success_rate
+from gait.swims.evaluation import EPISODES, Interval, interquartile_mean, success_rate
 
 # A task that controllers are made for, and the ids that they then play.
 MadeFor = Literal["forward", "station", "waypoint"]

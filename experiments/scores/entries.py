@@ -15,9 +15,9 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.world_config import WorldConfig
 from experiments.scores.episodes import swim_to_onset
 from experiments.tables import shortened
+from gait.controllers.agents import Agent
 from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, train
-from gait.scores.evaluation import Agent
 from gait.search.config import EvolveConfig, Sense, TaskName
 from gait.search.evolve import Evolved, evolve_gait
 

@@ -14,9 +14,9 @@ from aquafish_gym import IDS, held_out
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
-from gait.controllers.agent import ControllerAgent
-from gait.scores.episode import transitions
-from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike, Evaluation
+from gait.controllers.agents import ControllerAgent
+from gait.swims.episode import transitions
+from gait.swims.evaluation import EPISODES, FIRST_SEED, Evaluation
 
 WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)
@@ -32,7 +32,7 @@ def damages_of(name: str, column: str, numbers: Sequence[int]) -> list[str]:
     return held_out(f"{own}{column}" + (f"@{onset}" if onset else ""), numbers)
 
 
-def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any]:
+def play(name: str, agent: object, episodes: int = EPISODES) -> dict[str, Any]:
     """Return an agent's results in an id's episodes, by column.
 
     Returns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import accumulate, pairwise
@@ -12,11 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rollout import Program
-from aquafish_gym.rollout.programs import act_alone
-from aquafish_gym.sense import limits
+from aquafish_gym.rollout.plan import Act
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -30,7 +27,6 @@ from aquafish_gym.utils.validation import (
 from gait.controllers import network
 from gait.controllers.checks import check_fields, check_order, check_senses, check_sums
 from gait.controllers.network import OUTPUTS, Senses
-from gait.controllers.policy import Policy
 
 SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000
@@ -40,7 +36,6 @@ MAXIMUM_HELD_STEPS = 1000  # physics steps that an action may be held for
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
 OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
-_IMU_ENTRIES = 9  # of an observation: up, north and gyro
 _UNIT_GAIN = (1.0, 1.0, 1.0)
 
 
@@ -246,49 +241,22 @@ class Controller:
 
     def policy(
         self, fin_angles: ArrayLike = (0.0, 0.0, 0.0), servo_gain: ArrayLike = _UNIT_GAIN
-    ) -> Policy:
+    ) -> Act:
         """Return a policy that steers one robot through one swim.
 
-        It reads the first nine entries of an observation, and the last three if it senses a goal.
+        It is a function of an observation and the time, s. It reads the first nine entries of an
+        observation, and the last three if it senses a goal. A reading that is not finite, or beyond
+        its sensor's range, is not observed: the last one of that channel stands.
+
         If it senses its fins, it assumes these initial angles (3,) in rad and servo gains (3,). It
-        must be called whenever ``interval`` is over, and may be called in between: then it returns
-        the action that it holds. Otherwise it raises InvalidArgumentError.
+        acts when first called, and whenever ``interval`` is over since; in between it returns the
+        action that it holds. Called late, it takes the intervals that were missed for ones of the
+        action in force: its clock and fins go on by whole intervals.
         """
-        angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        gains = finite_array("servo_gain", servo_gain, (3,))
-        respond = act_alone(program_of([self]), 0, angles, gains)
-        hold = self.interval * TIMESTEP
-        needed = _IMU_ENTRIES + 3 * self.senses.goal
-        action = np.zeros(3)
-        due = last = -math.inf
+        # Agents are built on controllers.
+        from gait.controllers.agents import ControllerAgent
 
-        def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
-            nonlocal action, due, last
-            values = finite_array("observation", observation, (None,))
-            if len(values) < needed:
-                raise InvalidArgumentError(
-                    f"observation must have at least {needed} numbers; got {len(values)}"
-                )
-            if time < last:
-                raise InvalidArgumentError(
-                    "time must not go back in the swim of a policy; make another policy for "
-                    f"another swim; got {time:g} s after {last:g} s"
-                )
-            if math.isfinite(due) and time > due + TIMESTEP / 2:
-                raise InvalidArgumentError(
-                    f"time must include {due:g} s, as the controller holds an action for "
-                    f"{hold:g} s; got {time:g} s after {last:g} s"
-                )
-            last = time
-            if time >= due - TIMESTEP / 2:
-                due = time + hold
-                entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
-                most = limits(observe_fins=False, has_goal=True)
-                entries = np.clip(entries, -most, most)  # as sensors saturate
-                action = np.array(respond(entries, time))
-            return action
-
-        return act
+        return ControllerAgent(self, servo_gain).policy(fin_angles)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""

@@ -36,10 +36,10 @@ from aquafish_gym.utils.validation import (
 from gait.controllers.controller import MAXIMUM_SEED, Controller
 from gait.controllers.network import OUTPUT_GAIN, OUTPUTS, Senses
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.scores.fitness import swim_scores
-from gait.scores.rollout import random_poses, stream
 from gait.search.config import Sense, TaskName, check_interval, check_senses, make_senses
 from gait.search.evolve import FINAL_POSES
+from gait.swims.poses import random_poses, stream
+from gait.swims.scores import scores
 
 CURVE_FILE = "curve.csv"
 TRAINING_FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
@@ -127,7 +127,7 @@ class Learned:
         The one with the highest score over all epochs.
     score
         Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm (see
-        :func:`gait.scores.fitness.swim_scores` for other tasks); for a sample, from as many for
+        :func:`gait.scores` for other tasks); for a sample, from as many for
         each body.
     curve
         One point an epoch.
@@ -196,7 +196,7 @@ def train(
         for epoch in range(1, config.epochs + 1):
             training = learner.learn(_seed(config, epoch - 1))
             controller = learner.controller()
-            score = float(swim_scores([controller], *swims, config.task, damage=broken).mean())
+            score = float(scores([controller], *swims, task=config.task, damage=broken).mean())
             curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
             if score > best.score:
                 best = Learned(controller, score, ())

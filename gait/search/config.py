@@ -19,9 +19,9 @@ from aquafish_gym.utils.validation import (
 from gait.controllers.checks import MAXIMUM_HARMONICS
 from gait.controllers.controller import INTERVAL, MAXIMUM_HELD_STEPS, MAXIMUM_SEED
 from gait.controllers.network import Senses
-from gait.scores.rollout import SECONDS, step_count
 from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
+from gait.swims.swim import SECONDS, step_count
 
 Sense = Literal["imu", "clock", "fins"]
 TaskName = Literal["forward", "station", "waypoint", "recovery", "return"]

@@ -27,15 +27,6 @@ from aquafish_gym.utils.validation import (
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.files import run_folder
-from gait.scores.fitness import Swims, draw_swims, every_pair, swim_scores
-from gait.scores.rollout import (
-    ZERO_POSE,
-    check_state,
-    check_world,
-    random_poses,
-    spread_poses,
-    stream,
-)
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Relay, Search
 from gait.search.config import CMA_POPULATION
@@ -43,6 +34,9 @@ from gait.search.config import EvolveConfig as EvolveConfig
 from gait.search.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.search.history import Generation as Generation
 from gait.search.templates import Template
+from gait.swims.poses import ZERO_POSE, random_poses, spread_poses, stream
+from gait.swims.scores import Swims, check_state, draw_swims, every_pair, scores
+from gait.swims.swim import check_world
 
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
 MAXIMUM_BODIES = 1000
@@ -115,7 +109,7 @@ def evolve_gait(
 ) -> Evolved:
     """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
 
-    In each generation a swim has its own body and pose (see ``gait.scores.fitness``), so a sample
+    In each generation a swim has its own body and pose (see ``gait.swims.scores``), so a sample
     takes as many swims as one body. Only the leaders of a generation swim on every body: fifty
     bodies are nearly free, hundreds are not.
 
@@ -313,8 +307,8 @@ class _Trials:
     def _swim(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
         c = self._config
         seed = zlib.crc32(swims[1].tobytes())  # new random tasks with new poses
-        return swim_scores(
-            controllers, *swims, c.task, seconds=c.seconds, world=self._world, seed=seed,
+        return scores(
+            controllers, *swims, c.seconds, task=c.task, world=self._world, seed=seed,
             threads=c.threads, start=self._start,
         )  # fmt: skip
 

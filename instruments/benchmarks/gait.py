@@ -25,15 +25,16 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import install_advice
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import INTERVAL, Controller
 from gait.controllers.network import GYRO_INPUT_SCALE, Senses
 from gait.learning.train import LearningConfig
-from gait.scores.fitness import DIVERGED_SPEED, swim_scores
-from gait.scores.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.evolve import EvolveConfig
 from gait.search.neat import Evolution, genome_to_controller, load_config
 from gait.search.templates import Template
+from gait.swims.poses import random_poses
+from gait.swims.scores import scores
+from gait.swims.swim import SECONDS, step_count
 from instruments.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
 CLOCK = EvolveConfig().plan.clock  # Hz
@@ -89,7 +90,7 @@ def populations(settings: Settings, cleanup: ExitStack) -> Group:
         angles, batch = random_poses(poses, settings.seed), count * poses
 
         def call() -> object:
-            return swim_all(controllers, body, angles, seconds, dtype=dtype, threads=threads)
+            return scores(controllers, body, angles, seconds, dtype=dtype, threads=threads)
 
         return Row(f"{name}, {_size(controllers)}", "numba", dtype, batch, threads,
                    batch * steps, call, reference)  # fmt: skip
@@ -142,8 +143,7 @@ def _controllers(evolution: Evolution) -> Sequence[Controller]:
 
 
 def _fitness(controllers: Sequence[Controller], body: Morphology, seconds: float) -> list[float]:
-    distances = swim_all(controllers, body, seconds=seconds)[:, 0]
-    return [float(d) for d in np.nan_to_num(distances, nan=DIVERGED_SPEED * seconds)]
+    return [float(d) for d in scores(controllers, body, seconds=seconds)[:, 0]]
 
 
 def _size(controllers: Sequence[Controller]) -> str:
@@ -185,7 +185,7 @@ def tasks(settings: Settings, cleanup: ExitStack) -> Group:
         def scoring(
             threads: int, those: Any = controllers, task: Any = task, damage: Any = damage
         ) -> object:
-            return swim_scores(those, None, poses, task=task, damage=damage, threads=threads)
+            return scores(those, None, poses, task=task, damage=damage, threads=threads)
 
         one = Row(f"{name}, stepped", "numba", "float32", batch, 1, batch * steps, stepping)
         rows.append(one)

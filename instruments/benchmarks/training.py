@@ -12,7 +12,7 @@ from typing import Any
 import gymnasium as gym
 
 from gait.learning.train import isolated_rng
-from gait.scores.evaluation import evaluate
+from gait.swims.evaluation import evaluate
 from instruments.benchmarks.gait import NO_LEARNING
 from instruments.benchmarks.rows import Group, Row, Settings
 

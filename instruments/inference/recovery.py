@@ -23,8 +23,8 @@ from eea.core.config import FitConfig
 from eea.fish.hypotheses import SERVO
 from eea.fish.windows import Start
 from eea.joint.joint_posterior import JointPosterior
-from gait.controllers.agent import ControllerAgent
-from gait.scores.episode import transitions
+from gait.controllers.agents import ControllerAgent
+from gait.swims.episode import transitions
 from instruments.inference.robots import SPANS, Floats
 from instruments.verification.tables import Table
 

@@ -19,7 +19,6 @@ from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_s
 from eea.fish.windows import LAG_SAMPLES
 from eea.joint.joint_posterior import JointPosterior
 from gait.controllers.controller import INTERVAL, Controller
-from gait.controllers.policy import new_policy
 from gait.search.evolve import EvolveConfig, evolve_gait
 from instruments.inference.recovery import measure_recovery, summarise_recovery
 from instruments.inference.robots import SPANS, Floats
@@ -128,7 +127,7 @@ def _swim(
     at: float = 0.0,
 ) -> SwimLog:
     """Return a swim of a gait that feels its noisy gyroscope; the robot may become another."""
-    world, policy = CompiledWorld(), new_policy(gait)
+    world, policy = CompiledWorld(), gait.policy()
     world.start(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
     felt, told = [np.zeros(3)], []
     for t in range(round(seconds / TIMESTEP)):

@@ -19,7 +19,7 @@ from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 
 QUICK = AgentConfig(generations=1, refinements=0)
 MOST = limits(observe_fins=False, has_goal=False)

@@ -47,8 +47,8 @@ from aquafish_gym.physics.layout import (
 from aquafish_gym.rendering import scene
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
-from gait.controllers.agent import ControllerAgent
-from gait.scores.rollout import swim as swim_alone
+from gait.controllers.agents import ControllerAgent
+from gait.swims.swim import swim as swim_alone
 from tests.browser import Page, browser
 
 POSITION, QUATERNION = FIELDS["position"], FIELDS["orientation"]

@@ -17,7 +17,7 @@ from aquafish_gym.envs.tasks import ReturnToBuoys, Step, SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.arithmetic import Number
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 
 # So near, and in so little current, that the tail alone reaches the line within seconds.
 NEAR = ReturnToBuoys(seconds=6.0, pace=0.003, slowest=0.0, fastest=0.001)

@@ -46,7 +46,7 @@ from experiments.league.statistics import (
 )
 from experiments.league.waters import VORTEX_SPEED, VORTEX_WIDTH, WATERS, DenseWorld, vortices_at
 from experiments.league.whole import WholeLeague
-from gait.scores.evaluation import success_rate
+from gait.swims.evaluation import success_rate
 from tests.in_process import jobs_in_process
 
 

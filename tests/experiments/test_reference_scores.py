@@ -16,7 +16,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraErro
 from experiments.scores.command import FIRST_SEED, Scores, share
 from experiments.scores.entries import ENTRIES
 from experiments.scores.episodes import COLUMNS, damages_of, play, swim_to_onset
-from gait import Controller, swim_all
+from gait import Controller, scores
 from tests.in_process import jobs_in_process
 
 COMMITTED = Path(__file__).parents[2] / "experiments" / "scores" / "results" / "runs"
@@ -35,10 +35,10 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
     name = "AquaFishRecovery-v0"
     kept = json.loads((COMMITTED / "forward" / "CMA-ES--fins" / "100.json").read_text())
     found = play(name, Controller.from_dict(kept["controller"]))
-    for column, scores in kept["scores"][name].items():
+    for column, kept_scores in kept["scores"][name].items():
         same = ["noise" not in damage for damage in damages_of(name, column, range(100))]
         assert sum(same) >= 85
-        for what, values in scores.items():
+        for what, values in kept_scores.items():
             expected = np.array(values)[same]
             np.testing.assert_allclose(
                 np.array(found[column][what])[same], expected, rtol=1e-3, atol=1e-3
@@ -128,7 +128,7 @@ def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
     assert np.isfinite([one.swim_on(gait), *after]).all()
     world = WorldConfig(servo_gain=one.info["servo_gain"])
     options = {"seconds": one.seconds, "world": world, "start": one.state}
-    far = swim_all([gait], one.info["morphology"], **options)[0, 0]
+    far = scores([gait], one.info["morphology"], **options)[0, 0]
     assert one.swim_on(gait) == pytest.approx(far, abs=0.1)  # and 0.2 s before the onset
     small(tmp_path, "tail only", "oracle", episodes=1).execute()
     *_, last = (tmp_path / "table.md").read_text().splitlines()

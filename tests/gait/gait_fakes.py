@@ -80,8 +80,8 @@ class WeightScorer:
 
 
 def evolve_with(scorer: WeightScorer, *arguments: Any, **options: Any) -> Evolved:
-    """Evolve a gait, with a scorer in place of ``swim_all``."""
-    with patch("gait.scores.fitness.swim_all", scorer):
+    """Evolve a gait, with a scorer in place of the water."""
+    with patch("gait.swims.scores._distances", scorer):
         return evolve_gait(*arguments, **options)
 
 

@@ -10,7 +10,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import Senses, forward, respond

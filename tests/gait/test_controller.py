@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.checks import MAXIMUM_SUM
 from gait.controllers.controller import Controller
 from gait.controllers.export import make_vectors
 from gait.controllers.network import HEADER_ROWS, forward
-from gait.scores.rollout import swim_all
+from gait.swims.scores import scores
 from gait_fakes import INPUT_COUNT, make_controller
 
 
@@ -74,7 +75,7 @@ def test_largest_sums_swim() -> None:
     weights = np.zeros((3, 14))
     weights[:, :11] = 0.39 * MAXIMUM_SUM / 11 * np.sign(np.arange(11) % 2 - 0.5)
     controller = Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0)
-    assert np.isfinite(swim_all([controller], body, seconds=1.0)).all()
+    assert np.isfinite(scores([controller], body, seconds=1.0)).all()
     _, commands = make_vectors(controller, 50)
     assert np.isfinite(commands).all()
     assert np.abs(commands).max() > 0.4
@@ -82,9 +83,32 @@ def test_largest_sums_swim() -> None:
 
 def test_policy_refuses_a_bad_observation() -> None:
     policy = make_controller().policy()
-    for observation in ([0.0] * 8, np.zeros((1, 9)), [*[0.0] * 8, np.nan], ["0"] * 9):
+    for observation in ([0.0] * 8, np.zeros((1, 9)), ["0"] * 9):
         with pytest.raises(InvalidArgumentError, match="observation must"):
             policy(observation, 0.0)
+    for time in (np.nan, np.inf):
+        with pytest.raises(InvalidArgumentError, match="time must be finite"):
+            policy(np.zeros(9), time)
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf, 1e6])
+def test_a_reading_that_is_lost_is_held_by_policy_and_agent(lost: float) -> None:
+    controller = make_controller()
+    policy, intact = controller.policy(), controller.policy()
+    agent = ControllerAgent(controller)
+    agent.reset({"fin_angles": np.zeros(3)})
+    first = np.linspace(-1.0, 1.0, 9)
+    second = first[::-1].copy()
+    broken = second.copy()
+    broken[[0, 7]] = lost
+    held = second.copy()
+    held[[0, 7]] = first[[0, 7]]
+    assert (policy(first, 0.0) == intact(first, 0.0)).all()
+    action = intact(held, 0.05)
+    np.testing.assert_array_equal(policy(broken, 0.05), action)
+    agent.act(first)
+    np.testing.assert_array_equal(agent.act(broken), action.astype(np.float32))
+    assert (action != controller.policy()(second, 0.05)).any()
 
 
 def test_policy_reads_the_first_nine_entries() -> None:

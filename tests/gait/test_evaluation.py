@@ -11,7 +11,7 @@ import pytest
 from aquafish_gym import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, evaluate
-from gait.scores.evaluation import FIRST_SEED, interquartile_mean
+from gait.swims.evaluation import FIRST_SEED, interquartile_mean
 
 ACTION = np.array([0.2, -0.2, 1.0], np.float32)
 

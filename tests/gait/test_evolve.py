@@ -17,10 +17,11 @@ from aquafish_gym.utils.storage import DamagedFileError, read_document, write_do
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE
-from gait.scores.fitness import DIVERGED_SPEED, distances
-from gait.scores.rollout import SECONDS, ZERO_POSE, random_poses, stream
 from gait.search.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
 from gait.search.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
+from gait.swims.poses import ZERO_POSE, random_poses, stream
+from gait.swims.scores import DIVERGED_SPEED, distances
+from gait.swims.swim import SECONDS
 from gait_fakes import WeightScorer, contents, evolve_with, read_history
 
 CONFIG = EvolveConfig(paper=True, seed=1000, generations=6, population=20, poses=2)

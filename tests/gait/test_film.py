@@ -14,8 +14,8 @@ from gait.__main__ import main
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.film import Film, filmed
-from gait.scores.evaluation import evaluate
-from gait.scores.rollout import swim
+from gait.swims.evaluation import evaluate
+from gait.swims.swim import swim
 from gait_fakes import make_controller
 
 NOMINAL = Morphology.nominal()

@@ -23,9 +23,9 @@ from gait.controllers.network import Senses, forward
 from gait.files import BODIES_FILE, CONTROLLER_FILE
 from gait.learning import train as learning
 from gait.learning.train import CURVE_FILE, CurvePoint, LearningConfig, _Learner, train
-from gait.scores.fitness import swim_scores
-from gait.scores.rollout import random_poses, stream, swim_all
 from gait.search.templates import Template
+from gait.swims.poses import random_poses, stream
+from gait.swims.scores import scores
 from gait_fakes import contents
 
 HALF = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
@@ -83,7 +83,7 @@ def test_exported_controller_acts_and_swims_as_the_policy() -> None:
     assert np.abs(answer(before, inputs) - act(inputs)).max() > 1e-3
     env = robots(4, CONFIG.inputs)
     poses, far = swum(env, env, act)
-    np.testing.assert_allclose(swim_all([controller], HALF, poses)[0], far, atol=1e-3)
+    np.testing.assert_allclose(scores([controller], HALF, poses)[0], far, atol=1e-3)
     assert np.ptp(far) > 1e-2
 
 
@@ -97,7 +97,7 @@ def test_robots_observe_a_controllers_inputs(senses: Senses) -> None:
     controller = Controller.from_dict(mlp | {"interval": 20, "clock": 0.7})
     env = robots(5, senses, 20, 4.0)
     poses, far = swum(env, env, lambda observed: answer(controller, observed))
-    np.testing.assert_allclose(swim_all([controller], HALF, poses, 4.0)[0], far, atol=1e-5)
+    np.testing.assert_allclose(scores([controller], HALF, poses, 4.0)[0], far, atol=1e-5)
     assert np.ptp(far) > 1e-2
 
 
@@ -153,7 +153,7 @@ def test_result_is_the_best_epoch_and_files_hold_it(tmp_path: Path) -> None:
     controller = Controller.load(tmp_path / "a" / CONTROLLER_FILE)
     assert controller.to_dict() == found.controller.to_dict()
     assert (controller.morphology, controller.seed, controller.sample) == (HALF, 7, None)
-    assert swim_all([controller], HALF, random_poses(32, stream(7, 1))).mean() == found.score
+    assert scores([controller], HALF, random_poses(32, stream(7, 1))).mean() == found.score
     head, *lines = (tmp_path / "a" / CURVE_FILE).read_text().splitlines()
     assert head == "steps,training,score"
     assert [float(line.split(",")[2]) for line in lines] == [p.score for p in found.curve]
@@ -188,7 +188,7 @@ def test_robots_have_the_bodies_of_a_sample_in_turn(tmp_path: Path) -> None:
     _, _, _, _, info = dealt.envs.step(np.zeros((3, 3), np.float32))
     np.testing.assert_array_equal(info["morphology"], body_array([*bodies, HALF]))
     poses = random_poses(32, stream(7, 1))
-    far = swim_all([found.controller], np.resize(body_array(bodies), (32, 9)), poses)
+    far = scores([found.controller], np.resize(body_array(bodies), (32, 9)), poses)
     assert far.mean() == found.score
     with pytest.raises(InvalidArgumentError, match=r"morphologies must be 1 to 3 .* got 4"):
         train([HALF] * 4, CONFIG)
@@ -200,7 +200,7 @@ def test_task_is_learned_with_other_damage_in_each_episode() -> None:
     found = train(HALF, config, damage="random:severe")
     assert found.curve[0].training != train(HALF, config).curve[0].training
     poses = random_poses(32, stream(7, 1))
-    earned = swim_scores([found.controller], HALF, poses, task="waypoint", damage="random:severe")
+    earned = scores([found.controller], HALF, poses, task="waypoint", damage="random:severe")
     assert earned.mean() == found.score
 
 

@@ -14,12 +14,13 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
-from gait.scores.rollout import ZERO_POSE, spread_poses, stream, swim_all
 from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
+from gait.swims.poses import ZERO_POSE, spread_poses, stream
+from gait.swims.scores import scores
 from gait_fakes import contents, make_controller
 
 HALF = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
@@ -40,7 +41,7 @@ def random_gait(seed: int = 1, goal: bool = False, **changes: Any) -> Controller
 def test_first_controller_is_never_made_worse_at_rest() -> None:
     first = make_controller(2, 15)
     poses = np.vstack([ZERO_POSE, spread_poses(32, stream(SHORT.seed, 1))])
-    before = swim_all([first], HALF, poses, SHORT.seconds).mean()
+    before = scores([first], HALF, poses, SHORT.seconds).mean()
     found = evolve_gait(HALF, replace(SHORT, generations=9), first=first)
     assert found.history[0].final == pytest.approx(before, abs=1e-12)
     assert found.fitness >= before
@@ -52,9 +53,9 @@ def test_first_controller_is_never_made_worse_at_rest() -> None:
 def test_first_controller_is_made_better_from_a_state(changes: dict[str, str]) -> None:
     first = random_gait(**changes)
     config = replace(SHORT, generations=15)
-    before = swim_all([first], HALF, seconds=2.0, world=REVERSED, start=START)[0, 0]
+    before = scores([first], HALF, seconds=2.0, world=REVERSED, start=START)[0, 0]
     found = evolve_gait(HALF, config, first=first, start=START, world=REVERSED)
-    after = swim_all([found.controller], HALF, seconds=2.0, world=REVERSED, start=START)
+    after = scores([found.controller], HALF, seconds=2.0, world=REVERSED, start=START)
     assert found.fitness == found.distances[0] == after[0, 0]
     assert found.fitness > before + 0.05
     assert (found.controller.output, found.controller.interval) == (first.output, 20)
@@ -65,7 +66,7 @@ def test_first_controller_is_made_better_from_a_state(changes: dict[str, str]) -
 def test_random_networks_are_searched_from_a_state() -> None:
     config = replace(SHORT, random_candidates=20, restarts=2)
     found = evolve_gait([HALF, Morphology.nominal()], config, start=START)
-    far = swim_all([found.controller], [HALF, Morphology.nominal()], seconds=2.0, start=START)
+    far = scores([found.controller], [HALF, Morphology.nominal()], seconds=2.0, start=START)
     np.testing.assert_array_equal(found.distances, far[0])
     assert found.fitness == far.mean() == max(row.final for row in found.history)
     assert all(row.final >= row.best for row in found.history)
@@ -85,10 +86,10 @@ def test_swim_from_a_state_continues_an_episode() -> None:
         seen, _, _, _, info = envs.step(agent.act(seen))
     assert np.abs(start[7:10]).max() > 0.01  # it is moving
     options: Any = {"seconds": 4.0, "world": REVERSED, "start": start}
-    far = swim_all([gait], None, **options)[0, 0]
+    far = scores([gait], None, **options)[0, 0]
     assert far == pytest.approx(info["y_position"][0] - began, abs=1e-4)
-    assert far == swim_all([gait], None, **options, believed_gain=REVERSED.servo_gain)[0, 0]
-    assert abs(far - swim_all([gait], None, **options, believed_gain=(1.0, 1.0, 1.0))[0, 0]) > 1e-2
+    assert far == scores([gait], None, **options, believed_gain=REVERSED.servo_gain)[0, 0]
+    assert abs(far - scores([gait], None, **options, believed_gain=(1.0, 1.0, 1.0))[0, 0]) > 1e-2
 
 
 def test_gait_is_evolved_with_known_servo_gains() -> None:
@@ -99,7 +100,7 @@ def test_gait_is_evolved_with_known_servo_gains() -> None:
     evolved = evolve_gait(HALF, config, world=REVERSED)
     poses = np.vstack([ZERO_POSE, spread_poses(32, stream(config.seed, 1))])
     known, unknown = (
-        swim_all([evolved.controller], HALF, poses, 4.0, world=REVERSED, believed_gain=gain).mean()
+        scores([evolved.controller], HALF, poses, 4.0, world=REVERSED, believed_gain=gain).mean()
         for gain in (REVERSED.servo_gain, (1.0, 1.0, 1.0))
     )
     assert evolved.fitness == pytest.approx(known, abs=1e-12)

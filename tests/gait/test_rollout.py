@@ -16,11 +16,12 @@ from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
-from gait.scores.fitness import distances
-from gait.scores.rollout import ZERO_POSE, random_poses, spread_poses, stream, swim, swim_all
-from gait.scores.transfer import TransferConfig, score, transfer
 from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
+from gait.swims.poses import ZERO_POSE, random_poses, spread_poses, stream
+from gait.swims.scores import distances, scores
+from gait.swims.swim import swim
+from gait.swims.transfer import TransferConfig, swims_on, transfer
 from gait_fakes import make_controller
 
 BODY = Morphology.nominal()
@@ -62,22 +63,22 @@ def test_engines_swim_alike(world: WorldConfig) -> None:
 def test_population_swims_as_each_would_alone(name: str, changes: dict[str, Any]) -> None:
     controllers = [make(name, seed, **changes) for seed in range(3)]
     others = [make("linear"), make("mlp", 1), make_controller(5, 10)]
-    found = swim_all([*controllers, *others], HALF, POSES, 2.0, "float64", world=ODD)
+    found = scores([*controllers, *others], HALF, POSES, 2.0, dtype="float64", world=ODD)
     for controller, row in zip(controllers, found, strict=False):
         alone = [swim(controller, HALF, pose, "numba", 2.0, ODD).distance for pose in POSES]
         np.testing.assert_allclose(row, alone, atol=1e-9)
-    single = swim_all([*controllers, *others], HALF, POSES, 2.0, world=ODD)
+    single = scores([*controllers, *others], HALF, POSES, 2.0, world=ODD)
     np.testing.assert_allclose(single, found, atol=1e-3)
     assert np.ptp(found[:3]) > 1e-3
 
 
 def test_swim_depends_neither_on_company_nor_on_threads() -> None:
     controllers = [make_controller(seed, mutations=10) for seed in range(20)]
-    everyone = swim_all(controllers, HALF, POSES, 2.0, threads=2)
-    np.testing.assert_array_equal(everyone, swim_all(controllers, HALF, POSES, 2.0, threads=1))
-    np.testing.assert_array_equal(everyone[3:9], swim_all(controllers[3:9], HALF, POSES, 2.0))
+    everyone = scores(controllers, HALF, POSES, 2.0, threads=2)
+    np.testing.assert_array_equal(everyone, scores(controllers, HALF, POSES, 2.0, threads=1))
+    np.testing.assert_array_equal(everyone[3:9], scores(controllers[3:9], HALF, POSES, 2.0))
     recurrent = make("recurrent", 2)
-    twice = swim_all([recurrent], BODY, np.repeat(POSES[:1], 40, axis=0), 1.0)
+    twice = scores([recurrent], BODY, np.repeat(POSES[:1], 40, axis=0), 1.0)
     assert np.ptp(twice) == 0.0
 
 
@@ -124,25 +125,25 @@ def test_controller_reckons_its_fins_from_its_commands(gain: float) -> None:
 
 def test_controller_swims_by_its_belief_about_the_fins() -> None:
     controller = make("recurrent", 1)
-    right = swim_all([controller], BODY, POSES, 2.0)
-    wrong = swim_all([controller], BODY, POSES, 2.0, believed=POSES + 1.0)
-    slow = swim_all([controller], BODY, POSES, 2.0, believed_gain=(0.9, 0.9, 0.9))
+    right = scores([controller], BODY, POSES, 2.0)
+    wrong = scores([controller], BODY, POSES, 2.0, believed=POSES + 1.0)
+    slow = scores([controller], BODY, POSES, 2.0, believed_gain=(0.9, 0.9, 0.9))
     assert (right != wrong).all()
     assert (right != slow).all()
-    same = swim_all([controller], BODY, POSES, 2.0, believed=POSES + 2 * np.pi)
+    same = scores([controller], BODY, POSES, 2.0, believed=POSES + 2 * np.pi)
     np.testing.assert_allclose(same, right, atol=1e-3)
     alone = swim(controller, BODY, POSES[0], "numba", 2.0, believed=POSES[0] + 1.0)
     assert alone.distance == pytest.approx(float(wrong[0, 0]), abs=1e-3)
     for wrong_shape in (np.zeros((2, 3)), np.zeros(3), np.full((3, 3), np.nan)):
         with pytest.raises(InvalidArgumentError, match="believed"):
-            swim_all([controller], BODY, POSES, 1.0, believed=wrong_shape)
+            scores([controller], BODY, POSES, 1.0, believed=wrong_shape)
 
 
 @pytest.mark.parametrize("world", [ODD, LATE])
 def test_score_is_of_single_swims_in_its_world(world: WorldConfig) -> None:
     """All poses are swum at once."""
     controller = make_controller(1, 15)
-    scored = score(controller, HALF, POSES, "numba", 1.0, world)
+    scored = swims_on(controller, HALF, POSES, "numba", 1.0, world)
     alone = [swim(controller, HALF, pose, "numba", 1.0, world).distance for pose in POSES]
     np.testing.assert_allclose(scored.random_distances, alone, atol=1e-12)
     zero = swim(controller, HALF, engine="numba", seconds=1, world=world)
@@ -171,7 +172,7 @@ def test_gait_is_evolved_for_its_world(tmp_path: Path) -> None:
 
 def test_bad_arguments_are_refused_by_name() -> None:
     controller = make_controller()
-    assert swim_all([], HALF, POSES).shape == (0, 3)
+    assert scores([], HALF, POSES).shape == (0, 3)
     for wrong in (
         {"fin_angles": ZERO_POSE},
         {"seconds": -1.0},
@@ -180,7 +181,7 @@ def test_bad_arguments_are_refused_by_name() -> None:
         {"believed_gain": np.ones((2, 3))},
     ):
         with pytest.raises(InvalidArgumentError, match=next(iter(wrong))):
-            swim_all([controller], **{"morphologies": HALF, "fin_angles": POSES, **wrong})  # type: ignore[arg-type]
+            scores([controller], **{"morphologies": HALF, "fin_angles": POSES, **wrong})  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="did you mean 'pybullet'"):
         swim(controller, HALF, engine="pybulet")
 

@@ -13,14 +13,14 @@ import pytest
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
-from gait.scores.fitness import swim_scores
-from gait.scores.rollout import random_poses, swim_all
 from gait.search.config import EvolveConfig
 from gait.search.evolve import evolve_gait
 from gait.search.templates import Template
+from gait.swims.poses import random_poses
+from gait.swims.scores import scores
 from gait_fakes import contents
 
 BODY = Morphology.nominal()
@@ -37,8 +37,8 @@ def test_score_of_swimming_forward_is_the_distance() -> None:
     """Without the small price of effort."""
     controllers = [make(Senses(fins=True), seed) for seed in range(2)]
     task = SwimForward(seconds=4.0, ctrl_weight=0.0)
-    found = swim_scores(controllers, BODY, POSES, task=task)
-    np.testing.assert_allclose(found, swim_all(controllers, BODY, POSES, 4.0), atol=1e-4)
+    found = scores(controllers, BODY, POSES, task=task)
+    np.testing.assert_allclose(found, scores(controllers, BODY, POSES, 4.0), atol=1e-4)
     assert np.ptp(found) > 0.1
 
 
@@ -58,7 +58,7 @@ def test_agent_acts_as_one_policy_for_each_robot() -> None:
 def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     controllers = [make(Senses(goal=True), seed) for seed in (0, 0, 1)]
     one, again, other = (
-        swim_scores(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=seed)
+        scores(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=seed)
         for seed in (5, 5, 9)
     )
     np.testing.assert_array_equal(one, again)
@@ -66,7 +66,7 @@ def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     assert (one[0] != one[2]).all()
     assert (one != other).all()
     with pytest.raises(InvalidArgumentError, match="equally many, or one for all; got 2 and 3"):
-        swim_scores(controllers, [BODY, BODY], POSES, task="waypoint")
+        scores(controllers, [BODY, BODY], POSES, task="waypoint")
 
 
 def test_search_in_a_task_resumes_to_the_same_bytes(tmp_path: Path) -> None:

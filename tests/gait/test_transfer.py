@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.rollout.plan import Act
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.policy import Policy
-from gait.scores.rollout import swim, swim_all
-from gait.scores.transfer import TransferConfig, transfer
+from gait.swims.scores import scores
+from gait.swims.swim import swim
+from gait.swims.transfer import TransferConfig, transfer
 from gait_fakes import make_controller
 
 QUICK = TransferConfig(poses=3, seconds=2.0)
@@ -34,7 +35,7 @@ def test_distances_are_those_of_single_swims() -> None:
     half = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
     result = transfer(controller, half, QUICK)
     assert result.target.distance == swim(controller, half, seconds=2.0).distance
-    expected = swim_all([controller], half, result.poses, 2.0, "float64")[0]
+    expected = scores([controller], half, result.poses, 2.0, dtype="float64")[0]
     np.testing.assert_allclose(result.target.random_distances, expected, atol=1e-9)
     assert result.target.random_distance == result.target.random_distances.mean()
     assert result.native.distance != result.target.distance
@@ -43,7 +44,7 @@ def test_distances_are_those_of_single_swims() -> None:
     assert len(document["native"]["random_distances"]) == len(document["poses"]) == 3
 
 
-def constant(*action: float) -> Policy:
+def constant(*action: float) -> Act:
     """Return a policy that hears nothing."""
     return lambda _observation, _time: action
 
@@ -53,7 +54,7 @@ class Wakeful:
 
     made = 0
 
-    def policy(self) -> Policy:
+    def policy(self) -> Act:
         self.made += 1
         asked = []
 
@@ -116,8 +117,8 @@ def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
 
 
 def test_diverged_distance_is_null_in_json() -> None:
-    from gait.scores.rollout import Swim
-    from gait.scores.transfer import Scored, Transfer
+    from gait.swims.swim import Swim
+    from gait.swims.transfer import Scored, Transfer
 
     path = Swim(np.zeros(1), np.full((1, 3), np.nan), np.zeros((1, 4)), np.zeros((1, 3)))
     lost = Scored(path, np.array([1.0, np.nan]))

@@ -14,7 +14,7 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
 from gait.film import filmed
 from gait.learning.sb3_env import SB3VecEnv
-from gait.scores.rollout import swim
+from gait.swims.swim import swim
 
 ROBOT = Scenario.create()
 LIBRARY = load_library()[:1]

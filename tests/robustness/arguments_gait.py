@@ -23,18 +23,17 @@ from gait import (
     evaluate,
     evolve_gait,
     random_poses,
+    scores,
     swim,
-    swim_all,
 )
-from gait.controllers.agent import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 from gait.controllers.export import export_c
 from gait.controllers.export_model import export_model
 from gait.controllers.network import Senses
 from gait.learning.train import LearningConfig, dense_network, train
-from gait.scores.evaluation import interquartile_mean
-from gait.scores.fitness import swim_scores
-from gait.scores.transfer import TransferConfig, score, transfer
 from gait.search.neat import genome_to_controller, load_config
+from gait.swims.evaluation import interquartile_mean
+from gait.swims.transfer import TransferConfig, swims_on, transfer
 
 BODY = Morphology.nominal()
 CONTROLLER = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, BODY, 0)
@@ -82,19 +81,20 @@ ROWS = [
         swim,
         {
             "controller": FINS, "morphology": BODY, "fin_angles": np.zeros(3), "engine": "numba",
-            **SWIM, "believed": np.zeros(3), "interval": 5,
+            **SWIM, "believed": np.zeros(3), "interval": 5, "observe_fins": False,
         },
         options(controller=CALLABLE, morphology=NO_BODY, interval="none", **SWUM),
     ),
     Call(
-        swim_all,
+        scores,
         {
             "controllers": [FINS], "morphologies": BODY, "fin_angles": np.zeros((1, 3)), **SWIM,
-            "dtype": "float32", "threads": 1, "start": START,
+            "task": "forward", "damage": "none", "seed": 0, "engine": "numba", "dtype": "float32",
+            "threads": 1, "start": START, "penalize": True,
         },
         options(
             controllers="empty list", morphologies=NO_BODY, threads="none",
-            start="none", **SWUM,
+            start="none", damage=NO_DAMAGE, penalize="true", **SWUM,
         ),
     ),
     Call(
@@ -106,18 +106,6 @@ ROWS = [
         options(
             controllers="empty list", bodies=NO_BODY, threads="none", world="none",
             seconds="fraction",
-        ),
-    ),
-    Call(
-        swim_scores,
-        {
-            "controllers": [CONTROLLER], "morphologies": BODY, "fin_angles": np.zeros((1, 3)),
-            "task": "forward", "seconds": 0.1, "damage": "none", "world": WorldConfig(), "seed": 0,
-            "threads": 1, "start": START,
-        },
-        options(
-            controllers="empty list", morphologies=NO_BODY, threads="none",
-            start="none", world="none", seconds="fraction", damage=NO_DAMAGE,
         ),
     ),
     Call(
@@ -149,7 +137,7 @@ ROWS = [
         {
             "controller": CONTROLLER, "target": BODY,
             "config": TransferConfig(poses=1, seconds=0.1, target_engine="numba"), "native": BODY,
-            "world": WorldConfig(),
+            "world": WorldConfig(), "observe_fins": False,
         },
         options(
             controller=CALLABLE, target=NO_BODY, config="none",
@@ -157,11 +145,11 @@ ROWS = [
         ),
     ),
     Call(
-        score,
+        swims_on,
         {
             "controller": FINS, "morphology": BODY, "poses": np.zeros((1, 3)), "engine": "numba",
             "seconds": 0.1, "world": WorldConfig(), "angle_error": np.zeros(3),
-            "believed_gain": np.ones(3),
+            "believed_gain": np.ones(3), "observe_fins": False,
         },
         options(
             controller=CALLABLE, morphology=NO_BODY, seconds="fraction", world="none",

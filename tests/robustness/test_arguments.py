@@ -21,8 +21,8 @@ TABLES = sorted(path.stem for path in Path(__file__).parent.glob("arguments_*.py
 ROWS: list[Call] = [row for table in TABLES for row in import_module(table).ROWS]
 #: What functions return, protocols, errors, and what takes no argument.
 WITHOUT = {
-    "ConfigurationError", "ControllerLike", "Dimension", "Evaluation", "Evolved", "HasPolicy",
-    "ImuLog", "LogCheck", "MorphologyEstimate", "Performed", "Policy", "RecordedLog", "Result",
+    "Agent", "ConfigurationError", "Dimension", "Evaluation", "Evolved", "ImuLog", "LogCheck",
+    "MorphologyEstimate", "Performed", "RecordedLog", "Result",
     "RevealingTarget", "Simulator", "Swim", "Target", "TargetError", "Trials", "fish_problem",
 }  # fmt: skip
 

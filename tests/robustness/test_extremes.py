@@ -27,8 +27,10 @@ from aquafish_gym.physics import layout
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
-from gait.scores.rollout import random_poses, swim, swim_all
-from gait.scores.transfer import score
+from gait.swims.poses import random_poses
+from gait.swims.scores import scores
+from gait.swims.swim import swim
+from gait.swims.transfer import swims_on
 from instruments.verification.trials import one_world
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
@@ -232,9 +234,9 @@ def test_a_swim_of_a_batch_that_diverged_has_no_distance(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(lanes, "LaneBatch", SickBatch)
     poses = random_poses(3, 0)
-    distances = swim_all([steady()], None, poses, seconds=1.0)
+    distances = scores([steady()], None, poses, seconds=1.0, penalize=False)
     assert np.isnan(distances).tolist() == [[False, True, False]]
-    scored = score(steady(), None, poses, engine="numba", seconds=1.0)
+    scored = swims_on(steady(), None, poses, engine="numba", seconds=1.0)
     assert math.isnan(scored.random_distance)
     assert math.isfinite(scored.distance)
 

@@ -77,7 +77,7 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import EngineUnavailableError
 from eea.fish import EngineTarget
-from gait import Controller, EvolveConfig, evaluate, evolve_gait, swim, swim_all
+from gait import Controller, EvolveConfig, evaluate, evolve_gait, swim, scores
 from gait.controllers.controller import program_of
 
 still = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0)
@@ -92,7 +92,7 @@ for use in (
     lambda: rollout(program_of([still]), Scenario.create(), seconds=0.1),
     lambda: EngineTarget(None, engine="numba"),
     lambda: evaluate(lambda seen: np.zeros((len(seen), 3)), episodes=1),
-    lambda: swim_all([still], None),
+    lambda: scores([still], None),
     lambda: swim(still, None, engine="numba"),
     lambda: evolve_gait(None, EvolveConfig(seconds=0.1)),
     lambda: SelfModelAgent().begin((0.0, 0.0, 0.0)),

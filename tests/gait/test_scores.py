@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.scores import fitness
-from gait.scores.fitness import DIVERGED_SPEED, distances, draw_swims, penalize_diverged
-from gait.scores.rollout import random_poses, stream, swim_all
+from gait.swims.poses import random_poses, stream
+from gait.swims.scores import (
+    DIVERGED_SPEED,
+    distances,
+    draw_swims,
+    every_pair,
+    penalize_diverged,
+    scores,
+)
 from gait_fakes import make_controller
 
 BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (5, 9)) * MAXIMA
@@ -28,23 +36,23 @@ def test_bodies_are_dealt_equally(count: int) -> None:
 
 def test_batch_of_bodies_agrees_with_each_alone() -> None:
     controllers = [make_controller(seed, mutations=8) for seed in range(3)]
-    together = swim_all(controllers, BODIES, POSES[:5], 1.0)
+    together = scores(controllers, BODIES, POSES[:5], 1.0)
     assert together.shape == (3, 5)
     for i, body in enumerate(BODIES):
-        alone = swim_all(controllers, body, POSES[i : i + 1], 1.0)
+        alone = scores(controllers, body, POSES[i : i + 1], 1.0)
         np.testing.assert_array_equal(together[:, i : i + 1], alone)
     listed = [Morphology.from_array(body) for body in BODIES]
-    np.testing.assert_array_equal(swim_all(controllers, listed, POSES[:5], 1.0), together)
-    one_pose = swim_all(controllers, BODIES, POSES[:1], 1.0)
+    np.testing.assert_array_equal(scores(controllers, listed, POSES[:5], 1.0), together)
+    one_pose = scores(controllers, BODIES, POSES[:1], 1.0)
     np.testing.assert_array_equal(one_pose[:, 0], together[:, 0])
     assert one_pose.shape == (3, 5)
 
 
 def test_unequal_bodies_and_poses_are_refused() -> None:
     with pytest.raises(InvalidArgumentError, match=r"equally many, or one for all; got 5 and 4"):
-        swim_all([make_controller()], BODIES, POSES[:4])
+        scores([make_controller()], BODIES, POSES[:4])
     with pytest.raises(InvalidArgumentError, match=r"morphologies\[1, 2\] must lie in"):
-        swim_all([make_controller()], np.vstack([BODIES[0], BODIES[1] + [0, 0, 9, *[0] * 6]]))
+        scores([make_controller()], np.vstack([BODIES[0], BODIES[1] + [0, 0, 9, *[0] * 6]]))
 
 
 def test_distances_are_means_over_the_poses_on_every_body() -> None:
@@ -52,7 +60,7 @@ def test_distances_are_means_over_the_poses_on_every_body() -> None:
     found = distances(controllers, BODIES, POSES[:3], seconds=1.0, threads=1)
     assert found.shape == (2, 5)
     for i, body in enumerate(BODIES):
-        swims = swim_all(controllers, body, POSES[:3], 1.0)
+        swims = scores(controllers, body, POSES[:3], 1.0)
         np.testing.assert_array_equal(found[:, i], swims.mean(axis=1))
     assert np.ptp(found, axis=1).min() > 0.01  # the bodies differ
     one = distances(controllers, Morphology.from_array(BODIES[0]), POSES[:3], seconds=1.0)
@@ -61,11 +69,15 @@ def test_distances_are_means_over_the_poses_on_every_body() -> None:
 
 def test_diverged_robot_counts_as_swimming_backwards(monkeypatch: pytest.MonkeyPatch) -> None:
     def sick(*_: object, **__: object) -> object:
-        return np.array([[1.0, np.nan, 2.0, 4.0]])
+        end = np.array([[0.0, y, 0.0] for y in (1.0, np.nan, 2.0, 4.0)])
+        return SimpleNamespace(end=end)
 
-    monkeypatch.setattr(fitness, "swim_all", sick)
+    monkeypatch.setattr("gait.swims.scores.rollout", sick)
     found = distances([make_controller()], BODIES[:2], POSES[:2], seconds=3.0)
     np.testing.assert_array_equal(found, [[(1.0 + 3 * DIVERGED_SPEED) / 2, 3.0]])
+    bodies, poses = every_pair(BODIES[:2], POSES[:2])
+    plain = scores([make_controller()], bodies, poses, 3.0, penalize=False)
+    np.testing.assert_array_equal(plain, [[1.0, np.nan, 2.0, 4.0]])
     assert penalize_diverged(np.array([np.inf]), 2.0) == 2 * DIVERGED_SPEED
 
 

@@ -19,13 +19,12 @@ from aquafish.online import SelfModelAgent
 from aquafish.viewer.live import LiveSwim, gait_pilot, pilot_of
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait import Controller, evaluate, swim, swim_all
-from gait.controllers.agent import ControllerAgent
+from gait import Controller, evaluate, scores, swim
+from gait.controllers.agents import ControllerAgent, held_steps, takes_time
+from gait.controllers.inputs import reckoned
 from gait.controllers.network import Senses
-from gait.controllers.policy import TimeArgument, time_argument
 from gait.film import Film
-from gait.scores.rollout import held_steps
-from gait.scores.transfer import TransferConfig, score, transfer
+from gait.swims.transfer import TransferConfig, swims_on, transfer
 
 ACTION = (0.2, -0.4, 1.0)
 
@@ -140,7 +139,8 @@ def test_a_model_observes_its_fins_and_its_normal_observations() -> None:
     for parameter in model.policy.action_net.parameters():
         parameter.data += 0.3
     angles = (0.5, 1.0, -0.5)
-    far = swim(model, None, angles, engine="numba", seconds=2.0).distance
+    swum: Any = {"engine": "numba", "seconds": 2.0, "observe_fins": "reckoned"}
+    far = swim(model, None, angles, **swum).distance
 
     env = make()
     seen, _ = env.reset(options={"fin_angles": angles})
@@ -148,11 +148,25 @@ def test_a_model_observes_its_fins_and_its_normal_observations() -> None:
         action = model.predict(normal.normalize_obs(seen), deterministic=True)[0]
         seen, *_, info = env.step(action)
     assert far == pytest.approx(info["y_position"], abs=1e-5)
-    assert far != pytest.approx(swim(model.policy, None, angles, "numba", 2.0).distance, abs=1e-5)
+    assert far != pytest.approx(swim(model.policy, None, angles, **swum).distance, abs=1e-5)
     scored = evaluate(model, episodes=2, observe_fins=True)
     assert np.isfinite(scored.returns).all()
-    with pytest.raises(InvalidArgumentError, match=re.escape("a model of (15,)")):
-        evaluate(model, episodes=2)
+    reckons: Any = {"engine": "numba", "seconds": 1.0, "observe_fins": "reckoned"}
+    config = TransferConfig(poses=1, seconds=1.0, target_engine="numba")
+    both = transfer(model, None, config, Morphology.nominal(), observe_fins="reckoned")
+    assert both.target.distance == swim(model, None, **reckons).distance
+    for door in (
+        lambda: evaluate(model, episodes=2),
+        lambda: swim(model, None, engine="numba"),
+        lambda: evaluate(model, "AquaFishWaypoint-v0", episodes=2, observe_fins=True),
+    ):
+        with pytest.raises(InvalidArgumentError, match=re.escape("a model of (15,): choose the")):
+            door()
+    for wrong in (True, "true", None):
+        with pytest.raises(InvalidArgumentError, match='observe_fins must be False or "reckoned"'):
+            swim(model, None, **reckons | {"observe_fins": wrong})
+    with pytest.raises(InvalidArgumentError, match="observe_fins must be False for a Controller"):
+        swim(blind(), None, **reckons)
 
 
 def test_an_agent_of_one_robot_swims_in_every_episode() -> None:
@@ -191,7 +205,7 @@ def test_beliefs_are_not_ignored(controller: Any, name: str) -> None:
         transfer(controller, None, options, Morphology.nominal())
     if isinstance(controller, Controller):
         with pytest.raises(InvalidArgumentError, match=f"{name} must not be given"):
-            swim_all([controller], None, seconds=0.1, **{name: np.ones((1, 3))})
+            scores([controller], None, seconds=0.1, **{name: np.ones((1, 3))})
     plain = TransferConfig(seconds=0.1, target_engine="numba", poses=1)
     transfer(controller, None, plain, Morphology.nominal())
 
@@ -203,8 +217,8 @@ def test_beliefs_are_taken_by_those_that_use_them() -> None:
         np.full((3, len(senses.names) + 3), 0.1) * ([1.0] * len(senses.names) + [0.0] * 3),
         np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0, senses=senses,
     )  # fmt: skip
-    for controller in (feeling, Model(15)):
-        options: Any = {"engine": "numba", "seconds": 1.0}
+    for controller, observe_fins in ((feeling, False), (Model(15), "reckoned")):
+        options: Any = {"engine": "numba", "seconds": 1.0, "observe_fins": observe_fins}
         plain = swim(controller, None, **options).position
         for name, value in knowing.items():
             assert (swim(controller, None, **options, **{name: value}).position != plain).any()
@@ -234,7 +248,7 @@ def random_controller(interval: int) -> Controller:
 def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int) -> None:
     """4.2 s are no whole number of most intervals."""
     controller = random_controller(interval)
-    (expected,) = swim_all([controller], None, seconds=4.2, dtype="float64")[0]
+    (expected,) = scores([controller], None, seconds=4.2, dtype="float64")[0]
     for engine in ("numba", "pybullet"):
         found = swim(controller, None, engine=engine, seconds=4.2)
         assert found.distance == pytest.approx(expected, abs=1e-6)
@@ -245,7 +259,7 @@ def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int
     )
     film = Film((), engine="numba", seconds=4.2)._swim(0, controller, None, Damage(), "")
     assert film.position[-1, 1] == pytest.approx(expected, abs=1e-6)
-    scored = score(controller, None, [(0.0, 0.0, 0.0)], "pybullet", 4.2)
+    scored = swims_on(controller, None, [(0.0, 0.0, 0.0)], "pybullet", 4.2)
     assert scored.random_distances[0] == pytest.approx(expected, abs=1e-6)
     viewed = LiveSwim(gait_pilot(controller))
     viewed.advance(interval)
@@ -256,21 +270,49 @@ def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int
     else:
         actions = 400 // interval  # for longer its float32 observations count
         options: Any = {"frame_skip": interval, "fin_angles": "zero", "dtype": "float64"}
-        (far,) = swim_all([controller], None, seconds=0.01 * interval * actions, dtype="float64")[0]
+        (far,) = scores([controller], None, seconds=0.01 * interval * actions, dtype="float64")[0]
         played = evaluate(controller, episodes=1, max_episode_steps=actions, **options)
         assert played.y_position[-1, 0] == pytest.approx(far, abs=1e-3)
     with pytest.raises(InvalidArgumentError, match=f"frame_skip must be {interval}, the"):
         evaluate(controller, episodes=1, frame_skip=40)
 
 
-def test_a_policy_that_is_called_too_seldom_or_again_is_refused() -> None:
-    """An environment of another frame_skip would swim another gait."""
-    policy = random_controller(7).policy()
-    assert policy(np.ones(9), 0.0) is policy(np.zeros(9), 0.05)
-    with pytest.raises(InvalidArgumentError, match=r"time must include 0\.07 s, as"):
-        policy(np.zeros(9), 0.1)
+def test_a_policy_follows_the_clock_in_whole_intervals() -> None:
+    """A loop on a robot is late by some milliseconds, and now and then by more."""
+    controller = random_controller(7)
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 9))
+    plain, late = controller.policy(), controller.policy()
+    jitter = np.random.default_rng(1).uniform(-0.004, 0.06, 12)
+    jitter[0] = 0.0
+    for k, observation in enumerate(seen):
+        expected = plain(observation, 0.07 * k)
+        np.testing.assert_array_equal(late(observation, 0.07 * k + jitter[k]), expected)
+        held = late(np.ones(9), 0.07 * k + 0.06)
+        np.testing.assert_array_equal(held, expected)
     with pytest.raises(InvalidArgumentError, match="make another policy for another swim"):
-        policy(np.zeros(9), 0.0)
+        late(np.zeros(9), 0.0)
+
+
+def test_intervals_that_a_policy_missed_are_of_the_action_in_force() -> None:
+    """Its clock and its fins go on by them; a network without a memory then acts the same."""
+    senses = Senses(imu=False, clock=1, fins=True)
+    rng = np.random.default_rng(4)
+    weights = np.hstack([rng.normal(size=(3, len(senses.names))), np.zeros((3, 3))])
+    plain = Controller(weights, np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0,
+                       senses=senses, interval=10)  # fmt: skip
+    gain = np.array([1.0, 0.5, -1.0])
+    fins = np.array([0.3, -1.0, 2.0])
+    policy = plain.policy(fins, gain)
+    first = policy(np.zeros(9), 5.0)
+    found = policy(np.zeros(9), 5.44)
+    fins = reckoned(fins[None], first[None], 0.4, gain)[0]
+    again = ControllerAgent(plain, gain)
+    again.reset({"fin_angles": fins})
+    again._intervals = 4
+    np.testing.assert_allclose(found, again._act(np.zeros((1, 9)), 5.0)[0], atol=1e-12)
+    assert np.abs(found - first).max() > 1e-3
+    np.testing.assert_array_equal(policy(np.ones(9), 5.49), found)
+    assert (policy(np.zeros(9), 5.5) != found).any()
 
 
 @pytest.mark.parametrize("kind", [np.int64, np.int32])
@@ -357,7 +399,7 @@ def test_functions_in_machine_code_are_given_the_time() -> None:
     one = evaluate(compiled_policy, episodes=2).returns
     two = evaluate(lambda _, time: (0.2, -0.4, min(time, 1.0)), episodes=2).returns
     np.testing.assert_array_equal(one, two)
-    assert time_argument(max) is TimeArgument.SECOND  # it has no signature
+    assert takes_time(max)  # it has no signature
 
 
 @pytest.mark.parametrize(
@@ -371,7 +413,7 @@ def test_functions_in_machine_code_are_given_the_time() -> None:
     ],
 )
 def test_other_functions_are_of_the_observations_alone(steer: Any) -> None:
-    assert time_argument(steer) is TimeArgument.NONE
+    assert not takes_time(steer)
     assert held_steps(steer) == 20
     plain = evaluate(Acting(), episodes=2).returns
     np.testing.assert_array_equal(evaluate(steer, episodes=2).returns, plain)

@@ -11,18 +11,9 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from gait.controllers.agents import make_agent
 from gait.controllers.controller import MAXIMUM_SEED
-from gait.controllers.pilots import Agent, AgentLike, make_pilot
-from gait.scores.episode import transitions
-
-__all__ = [
-    "Agent",
-    "AgentLike",
-    "Evaluation",
-    "evaluate",
-    "interquartile_mean",
-    "success_rate",
-]
+from gait.swims.episode import transitions
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
@@ -90,7 +81,7 @@ class Evaluation:
 
 
 def evaluate(
-    agent: AgentLike,
+    agent: object,
     env: str | VectorEnv[Any, Any, Any] = "AquaFish-v0",
     *,
     episodes: int | None = None,
@@ -107,9 +98,10 @@ def evaluate(
     agent
         A function of observations (E, k) that returns actions (E, 3); a ``Controller``, which is
         given the true initial fin angles; a model of stable-baselines3 or another object with
-        ``predict``; an object with ``act`` (see :class:`gait.controllers.pilots.Agent`); or a
-        policy of one robot, as of :func:`gait.swim`, called once a step. A function that can take
-        the time, as its second argument or as its keyword argument ``time``, is such a policy.
+        ``predict``; a :class:`gait.Agent`, which may lack ``reset``; or a policy of one robot, as
+        of :func:`gait.swim`, called once a step. A function that can take the time, as its second
+        argument or as its keyword argument ``time``, is such a policy. An object with
+        ``begin(fin_angles)`` and ``act(observation)`` is of one robot: each has a copy.
     env, episodes, options
         An environment id, the number E of its robots, which is 100 by default, and its options
         such as ``damage="random:severe"``, or a list of E damages, one for each episode; or a
@@ -150,18 +142,18 @@ def evaluate(
     return _play(agent, env, seed)
 
 
-def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluation:
+def _play(agent: object, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluation:
     """Play one episode of each robot to its end."""
     observations, info = envs.reset(seed=integer("seed", seed, 0, MAXIMUM_SEED))
     number = envs.num_envs
     base: Any = envs.unwrapped
-    pilot = make_pilot(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
-    pilot.reset(info)
+    steers = make_agent(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
+    steers.reset(info)
     returns = np.zeros(number)
     y_position = [np.asarray(info.get("y_position", np.full(number, np.nan)))]
     broken = []
     succeeded = np.zeros(number, np.bool_) if "is_success" in info else None
-    for step in transitions(envs, pilot.act, observations):
+    for step in transitions(envs, steers.act, observations):
         returns += np.where(step.was_over, 0.0, step.reward)
         last = y_position[-1]
         y_position.append(np.where(step.was_over, last, step.info.get("y_position", last)))

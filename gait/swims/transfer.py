@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.packages import AUTO, NAMES, check_engine, resolve_engine
+from aquafish_gym.engines.packages import AUTO, NAMES, check_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -18,18 +18,11 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
+from gait.controllers.agents import beliefs_of, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.controllers.pilots import AgentLike, Beliefs, refuse_unused
-from gait.scores.rollout import (
-    MAXIMUM_POSES,
-    SECONDS,
-    Swim,
-    check_world,
-    random_poses,
-    step_count,
-    swim,
-    swim_all,
-)
+from gait.swims.poses import MAXIMUM_POSES, ZERO_POSE, random_poses
+from gait.swims.scores import scores
+from gait.swims.swim import SECONDS, Swim, check_world, step_count, swim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,18 +113,19 @@ class Transfer:
 
 
 def transfer(
-    controller: AgentLike,
+    controller: object,
     target: MorphologyLike,
     config: TransferConfig | None = None,
     native: MorphologyLike = None,
     world: WorldConfig | None = None,
+    observe_fins: str | bool = False,
 ) -> Transfer:
     """Return how a controller swims on its native body and on the target.
 
     Parameters
     ----------
-    controller, target
-        As controller and morphology of :func:`gait.swim`.
+    controller, target, observe_fins
+        As controller, morphology and ``observe_fins`` of :func:`gait.swim`.
     native
         The native body; None is the controller's ``morphology``.
     world
@@ -154,16 +148,17 @@ def transfer(
     engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed)
     return Transfer(
-        native=score(controller, home, poses, engines[0], c.seconds),
-        target=score(
-            controller, away, poses, engines[1], c.seconds, world, c.angle_error, c.believed_gain
+        native=swims_on(controller, home, poses, engines[0], c.seconds, observe_fins=observe_fins),
+        target=swims_on(
+            controller, away, poses, engines[1], c.seconds,
+            world, c.angle_error, c.believed_gain, observe_fins,
         ),
         poses=poses,
-    )
+    )  # fmt: skip
 
 
-def score(
-    controller: AgentLike,
+def swims_on(
+    controller: object,
     morphology: MorphologyLike,
     poses: ArrayLike,
     engine: str = "auto",
@@ -171,31 +166,37 @@ def score(
     world: WorldConfig | None = None,
     angle_error: ArrayLike = (0.0, 0.0, 0.0),
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    observe_fins: str | bool = False,
 ) -> Scored:
     """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, 3).
 
-    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers
-    and PyBullet take one pose after the other. ``angle_error`` and ``believed_gain`` are as in
-    :class:`TransferConfig`. Raises as :func:`gait.swim`.
+    ``angle_error`` and ``believed_gain`` are as in :class:`TransferConfig`, ``observe_fins`` as in
+    :func:`gait.swim`, and so are the errors. A :class:`gait.Controller` swims from all poses as a
+    batch by :func:`gait.scores`, anything else from one after the other.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world = check_world(world)
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
     gain = finite_array("believed_gain", believed_gain, (3,))
-    beliefs = Beliefs.of(controller)
+    beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "angle_error", angle_error if error.any() else None)
     refuse_unused(beliefs.gains, "believed_gain", believed_gain if (gain != 1.0).any() else None)
     known = gain if beliefs.gains else None
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:
         fins = pose + error if beliefs.angles else None
-        return swim(controller, morphology, pose, engine, seconds, world, fins, known)
+        return swim(
+            controller, morphology, pose, engine, seconds, world, fins, known,
+            observe_fins=observe_fins,
+        )  # fmt: skip
 
-    if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":
-        distances = swim_all(
-            [controller], morphology, angles, seconds, "float64",
-            world=world, believed=angles + error if beliefs.angles else None, believed_gain=known,
+    if isinstance(controller, Controller):
+        distances = scores(
+            [controller], morphology, angles, seconds,
+            world=world, engine=engine, dtype="float64",
+            believed=angles + error if beliefs.angles else None, believed_gain=known,
+            penalize=False,
         )[0]  # fmt: skip
     else:
         distances = np.array([swim_from(pose).distance for pose in angles])
-    return Scored(swim_from(np.zeros(3)), distances)
+    return Scored(swim_from(np.array(ZERO_POSE)), distances)

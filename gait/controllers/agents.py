@@ -1,0 +1,511 @@
+"""Agents: whatever steers robots, behind one protocol.
+
+:func:`make_agent` adapts a function, a policy, a model or a controller to an environment, and
+:func:`make_policy` adapts it to a swim of one robot.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from numbers import Real
+from typing import Any, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.morphology import FINS
+from aquafish_gym.rollout.plan import PROGRAM_CHANNELS, Act
+from aquafish_gym.rollout.programs import ProgramAgent
+from aquafish_gym.scenario import CHANNELS, TIMESTEP
+from aquafish_gym.sense import limits, valid_readings
+from aquafish_gym.utils.array_types import Floats, Observations
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    real_array,
+)
+from gait.controllers.controller import INTERVAL, Controller, check_controllers, program_of
+from gait.controllers.inputs import reckoned
+
+FRAME_SKIP = 20  # steps of 0.01 s for which the environments hold an action by default
+MAXIMUM_INTERVAL = 2000
+KINDS = (
+    "a function of observations (E, k), or of an observation and the time; an object with "
+    "act(observations), with predict(observations), as a model of stable-baselines3, or with "
+    "policy(); or a Controller"
+)
+
+
+class Agent(Protocol):
+    """What steers the E robots of an environment.
+
+    ``gait.swim`` and ``gait.evaluate`` take it, and all that :func:`make_agent` adapts to it.
+    """
+
+    def reset(self, info: dict[str, Any], /) -> None:
+        """Begin new episodes, given the ``info`` that the environment's reset returned."""
+
+    def act(self, observations: Observations, /) -> ArrayLike:
+        """Return actions (E, 3) in [-1, 1] for observations (E, k)."""
+
+
+class ControllerAgent:
+    """An agent by a controller: for one robot, or for all robots of a batched environment.
+
+    It keeps their clock, their network's memory and the fin angles by dead reckoning. A reading
+    that is not finite, or outside of the observation space, is not observed: the controller senses
+    the last one of that channel, or 0 before there is one.
+
+    Parameters
+    ----------
+    controller
+        One for all robots, or a list of controllers of one ``kind``, one for each robot. Its
+        ``interval`` must be the environment's ``frame_skip``.
+    believed_gain
+        (3,) the servo gains by which it reckons its fins from its commands.
+
+    Attributes
+    ----------
+    controller
+        The first robot's.
+    interval
+        For how many steps of 0.01 s an action is held.
+
+    Examples
+    --------
+    >>> from aquafish_gym import Morphology
+    >>> body = Morphology.nominal()
+    >>> silent = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, seed=0)
+    >>> agent = ControllerAgent(silent)
+    >>> agent.reset({"fin_angles": np.zeros(3)})
+    >>> agent.act(np.zeros(9)).tolist()
+    [0.0, 0.0, 0.0]
+    """
+
+    def __init__(
+        self,
+        controller: Controller | Sequence[Controller],
+        believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    ) -> None:
+        if isinstance(controller, list | tuple):
+            controllers = check_controllers(controller)
+        else:
+            controllers = [instance("controller", controller, Controller)]
+        self.controller = controllers[0]
+        self._program = program_of(controllers)
+        self.interval = self._program.interval
+        self._gain = finite_array("believed_gain", believed_gain, (len(FINS),))
+        self._needed = len(CHANNELS) + 3 * self._program.observes_goal
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Begin an episode of each robot, at the true fin angles (B, 3) or (3,) in ``info``."""
+        fins = _fin_angles(info)
+        known = self._program.weights.shape[1]
+        if known not in (1, len(fins)):
+            raise InvalidArgumentError(
+                f"controller must be one for all {len(fins)} robots or one for each; got {known}"
+            )
+        self._robots = ProgramAgent(self._program, fins, self._gain)
+        self._sensed = np.zeros((len(fins), PROGRAM_CHANNELS))
+        self._intervals = 0
+
+    def act(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (B, 3) for observations (B, k), or (3,) for the one of a single robot."""
+        if not hasattr(self, "_robots"):
+            raise InvalidArgumentError("reset(info) must be called before act(observations)")
+        robots = len(self._sensed)
+        wanted = f"({robots}, {self._needed} or more)"
+        given = real_array("observations", observations, wanted)
+        rows = given[None] if given.ndim == 1 else given
+        if rows.ndim != 2 or len(rows) != robots or rows.shape[1] < self._needed:
+            raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
+        actions = self._act(rows).astype(np.float32)
+        return actions.reshape((*given.shape[:-1], len(FINS)))
+
+    def _act(self, observations: Floats, begun: float = 0.0) -> Floats:
+        """Return actions (B, 3) in double precision; the clock began at ``begun``, s."""
+        sensed = np.zeros_like(self._sensed)
+        sensed[:, : len(CHANNELS)] = observations[:, : len(CHANNELS)]
+        if self._program.observes_goal:
+            sensed[:, len(CHANNELS) :] = observations[:, -3:]
+        sensed = valid_readings(sensed, limits(observe_fins=False, has_goal=True))
+        self._sensed = np.where(np.isnan(sensed), self._sensed, sensed)
+        time = begun + self._intervals * self.interval * TIMESTEP
+        self._intervals += 1
+        return self._robots.act(self._sensed, time)
+
+    def _miss(self, intervals: int, actions: Floats) -> None:
+        """Let intervals pass in which actions (B, 3) remained in force."""
+        seconds = intervals * self.interval * TIMESTEP
+        self._robots.fin_angles = reckoned(self.fin_angles, actions, seconds, self._gain)
+        self._intervals += intervals
+
+    def policy(self, fin_angles: ArrayLike) -> Act:
+        """Return a policy of one robot that begins with fin angles (3,), rad.
+
+        See :meth:`gait.Controller.policy`. It is the only user of this agent from then on.
+        """
+        self.reset({"fin_angles": finite_array("fin_angles", fin_angles, (len(FINS),), unit="rad")})
+        wanted = f"({self._needed} or more,)"
+        half = TIMESTEP / 2
+        begun = last = -math.inf
+        actions = np.zeros((1, len(FINS)))
+
+        def act(observation: ArrayLike, time: float) -> Floats:
+            nonlocal begun, last, actions
+            given = real_array("observation", observation, wanted)
+            if given.ndim != 1 or len(given) < self._needed:
+                raise InvalidArgumentError(
+                    f"observation must have shape {wanted}; got {given.shape}"
+                )
+            if not last <= time < math.inf:
+                raise InvalidArgumentError(
+                    "time must be finite and not go back in the swim of a policy; make another "
+                    f"policy for another swim; got {time:g} s after {last:g} s"
+                )
+            if not math.isfinite(begun):
+                begun = time
+            last = time
+            over = math.floor((time - begun + half) / (self.interval * TIMESTEP))
+            if over >= self._intervals:
+                if over > self._intervals:
+                    self._miss(over - self._intervals, actions)
+                actions = self._act(given[None], begun)
+            return np.asarray(actions[0])
+
+        return act
+
+    @property
+    def fin_angles(self) -> Floats:
+        """Where it assumes the fins to be, (B, 3) rad; set them where they are known."""
+        return self._robots.fin_angles
+
+    @fin_angles.setter
+    def fin_angles(self, angles: Floats) -> None:
+        self._robots.fin_angles = angles
+
+    def copy(self) -> Self:
+        """Return an agent that goes on from here, without effect on this one."""
+        other = copy.copy(self)
+        other._robots = self._robots.copy()
+        return other
+
+
+def make_agent(
+    controller: object,
+    interval: int | None = None,
+    dt: float | None = None,
+    argument: str = "agent",
+) -> Agent:
+    """Return an agent that acts by a controller of any of the ``KINDS``.
+
+    An object with ``act`` may lack ``reset``. One with ``begin(fin_angles)``, of angles (3,) in
+    rad, is of one robot, and its ``act`` of an observation (k,): each robot has a copy of it.
+
+    Parameters
+    ----------
+    controller
+        The controller of one robot, or of E robots.
+    interval
+        For how many steps of 0.01 s the environment holds an action; None if unknown.
+    dt
+        The same in s, for a function of the time; None follows from ``interval``.
+    argument
+        The controller's name in errors.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the controller is of no such kind, holds its actions for another number of steps, or
+        takes the time where ``dt`` is unknown.
+    """
+    own = own_interval(controller)
+    if own is not None and own != interval:
+        raise InvalidArgumentError(
+            f"frame_skip must be {own}, the controller's interval; got {interval}"
+        )
+    if isinstance(controller, Controller):
+        return ControllerAgent(controller)
+    if _has(controller, "act"):
+        if _has(controller, "begin"):
+            return _EachRobot(functools.partial(_begin, controller), 1.0)
+        if _has(controller, "reset"):
+            found: Agent = controller  # type: ignore[assignment]
+            return found
+        return _Function(controller.act)  # type: ignore[attr-defined]
+    if _has(controller, "predict"):
+        return _Model(controller, argument)
+    if not callable(controller) and not _has(controller, "policy"):
+        raise InvalidArgumentError(f"{argument} must be {KINDS}; got {brief(controller)}")
+    if not takes_time(controller):
+        return _Function(controller)  # type: ignore[arg-type]
+    if dt is None and interval is not None:
+        dt = interval * TIMESTEP
+    if dt is None:
+        raise InvalidArgumentError(
+            f"{argument} must be a function of the observations alone: env has no time step, dt"
+        )
+    return _EachRobot(lambda _, robots: [_policy_of(controller) for _ in range(robots)], dt)
+
+
+def make_policy(
+    controller: object,
+    interval: int,
+    fin_angles: Floats,
+    servo_gain: Floats,
+    observe_fins: str | bool = False,
+) -> Act:
+    """Return a policy of one robot that acts as its controller would in an environment.
+
+    Parameters
+    ----------
+    controller
+        Of any of the ``KINDS``.
+    interval
+        For how many steps of 0.01 s an action is held.
+    fin_angles, servo_gain
+        (3,) initial angles in rad, and servo gains, that a controller assumes which uses them.
+    observe_fins
+        ``"reckoned"`` appends the sines and cosines of the fin angles to the observation, as the
+        environments do: they are integrated from ``fin_angles`` by the commands and
+        ``servo_gain``. False does not.
+
+    Raises
+    ------
+    InvalidArgumentError
+        As :func:`make_agent`, or if ``observe_fins`` does not fit.
+    """
+    if observe_fins is not False and observe_fins != "reckoned":
+        raise InvalidArgumentError(
+            'observe_fins must be False or "reckoned", as a swim has no sensors of fin angles; '
+            f"got {brief(observe_fins)}"
+        )
+    if isinstance(controller, Controller):
+        if observe_fins:
+            raise InvalidArgumentError(
+                "observe_fins must be False for a Controller, whose senses say whether it reckons "
+                f"its fins; got {brief(observe_fins)}"
+            )
+        return controller.policy(fin_angles, servo_gain)
+    if takes_time(controller):
+        act = _policy_of(controller)
+    else:
+        agent = make_agent(controller, interval, argument="controller")
+        agent.reset({"fin_angles": fin_angles[None]})
+
+        def act(observation: Floats, _time: float) -> Floats:
+            actions = agent.act(observation[None].astype(np.float32))
+            return np.asarray(actions, np.float64).reshape(len(FINS))
+
+    if not observe_fins:
+        return act
+    angles = fin_angles[None]
+
+    def act_with_fins(observation: Floats, time: float) -> Floats:
+        nonlocal angles
+        imu, goal = np.split(observation, [len(CHANNELS)])
+        seen = np.concatenate([imu, *np.sin(angles), *np.cos(angles), goal])
+        action = finite_array("action", act(seen, time), (len(FINS),))
+        angles = reckoned(angles, action[None], interval * TIMESTEP, servo_gain)
+        return action
+
+    return act_with_fins
+
+
+class Beliefs(NamedTuple):
+    """Whether a controller of one robot uses what it is given of its fins and servos."""
+
+    angles: bool  #: Initial fin angles.
+    gains: bool  #: Servo gains.
+
+
+def beliefs_of(controller: object, observe_fins: str | bool = False) -> Beliefs:
+    """Return what a controller uses; for the arguments see :func:`make_policy`."""
+    if isinstance(controller, Controller):
+        return Beliefs(controller.senses.fins, controller.senses.fins)
+    reckons = bool(observe_fins)
+    begins = _has(controller, "act") and (_has(controller, "reset") or _has(controller, "begin"))
+    return Beliefs(reckons or begins, reckons)
+
+
+def refuse_unused(is_used: bool, name: str, belief: object) -> None:
+    """Raise InvalidArgumentError for a belief that a controller does not use; None is not given."""
+    if belief is not None and not is_used:
+        raise InvalidArgumentError(
+            f"{name} must not be given to a controller that does not sense its fins or has "
+            f"beliefs of its own; got {brief(belief)}"
+        )
+
+
+def own_interval(controller: object) -> int | None:
+    """Return for how many steps of 0.01 s a controller holds its actions; None if unspecified."""
+    for name in ("interval", "hold"):
+        if isinstance(steps := getattr(controller, name, None), Real):
+            return integer(f"{name} of the controller", steps, 1)
+    return None
+
+
+def held_steps(controller: object, interval: int | None = None) -> int:
+    """Return for how many steps of 0.01 s an action of a controller is held; see ``gait.swim``."""
+    own = own_interval(controller)
+    if interval is None:
+        usual = INTERVAL if takes_time(controller) else FRAME_SKIP
+        return usual if own is None else own
+    steps = integer("interval", interval, 1, MAXIMUM_INTERVAL)
+    if own not in (None, steps):
+        raise InvalidArgumentError(f"interval must be {own}, the controller's; got {interval}")
+    return steps
+
+
+def takes_time(controller: object) -> bool:
+    """Return whether a controller is a policy of one robot: of an observation and the time.
+
+    So is an object with ``policy()``, which returns one, and every function that can take the time,
+    as its second argument or as ``time``. A default does not matter.
+    """
+    if _has(controller, "act") or _has(controller, "predict"):
+        return False
+    if _has(controller, "policy"):
+        return True
+    return callable(controller) and _timed(controller) is not None
+
+
+def _has(controller: object, method: str) -> bool:
+    return callable(getattr(controller, method, None))
+
+
+def _fin_angles(info: dict[str, Any]) -> Floats:
+    """Return the fin angles (B, 3) in the ``info`` of a reset."""
+    if "fin_angles" not in instance("info", info, dict):
+        raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
+    return finite_array("fin_angles", info["fin_angles"], (None, len(FINS)), unit="rad", flat=True)
+
+
+def _policy_of(controller: Any) -> Act:
+    """Return a policy for one swim."""
+    policy = controller.policy() if _has(controller, "policy") else controller
+    timed = _timed(policy) if callable(policy) else None
+    if timed is None:
+        raise InvalidArgumentError(
+            "controller must be a function (observation, time) -> action, or have a method "
+            f"policy() that returns one; got {brief(controller)}"
+        )
+    return timed
+
+
+def _timed(function: Callable[..., Any]) -> Act | None:
+    """Return a function as one of an observation and the time; None if it cannot take the time.
+
+    A time that a ``functools.partial`` gives already is not given again. A function without a
+    signature, as some in C, takes the time second. InvalidArgumentError if it takes no observation.
+    """
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return function
+    if _takes(signature, None, None):
+        return function
+    fixed = function.keywords if isinstance(function, functools.partial) else {}
+    if "time" not in fixed and _takes(signature, None, time=None):
+        return lambda observation, time: function(observation, time=time)
+    if not _takes(signature, None):
+        raise InvalidArgumentError(
+            "a controller must be called with observations alone, or with an observation and the "
+            f"time; got {brief(function)} of the arguments {signature}"
+        )
+    return None
+
+
+def _takes(signature: inspect.Signature, *arguments: None, **named: None) -> bool:
+    try:
+        signature.bind(*arguments, **named)
+    except TypeError:
+        return False
+    return True
+
+
+class _Function:
+    """An agent without memory: a function of observations."""
+
+    def __init__(self, function: Callable[[Observations], ArrayLike]) -> None:
+        self.act = function
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Do nothing."""
+
+
+class _EachRobot:
+    """An agent of robots that each have a policy of their own.
+
+    ``begin`` returns the policies of B robots for the ``info`` of a reset and B; ``dt`` is the
+    length of a step, s.
+    """
+
+    def __init__(self, begin: Callable[[dict[str, Any], int], list[Act]], dt: float) -> None:
+        self._begin = begin
+        self._dt = dt
+
+    def reset(self, info: dict[str, Any]) -> None:
+        self._info = info
+        self._policies: list[Act] = []
+        self._steps = 0
+
+    def act(self, observations: Observations) -> ArrayLike:
+        if not self._policies:
+            self._policies = self._begin(self._info, len(observations))
+        time = self._steps * self._dt
+        self._steps += 1
+        pairs = zip(self._policies, observations.astype(float), strict=True)
+        return np.array([policy(observation, time) for policy, observation in pairs], np.float64)
+
+
+def _begin(agent: Any, info: dict[str, Any], robots: int) -> list[Act]:
+    """Return the policies of robots that have an agent each: the agent itself, and copies."""
+    agents = [agent, *(copy.deepcopy(agent) for _ in range(robots - 1))]
+    for one, angles in zip(agents, _fin_angles(info), strict=True):
+        one.begin(angles)
+    return [functools.partial(_act_alone, one) for one in agents]
+
+
+def _act_alone(agent: Any, observation: Floats, _time: float) -> ArrayLike:
+    action: ArrayLike = agent.act(observation)
+    return action
+
+
+class _Model:
+    """An agent by a model of stable-baselines3.
+
+    The model's ``VecNormalize``, if it has one, scales the observations.
+    """
+
+    def __init__(self, model: Any, argument: str) -> None:
+        self._model = model
+        self._argument = argument
+        normal = getattr(model, "get_vec_normalize_env", lambda: None)()
+        self._scaled = normal.normalize_obs if normal is not None else lambda seen: seen
+
+    def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
+        self._state = None
+        self._begins = True
+
+    def act(self, observations: Observations) -> ArrayLike:
+        space = getattr(self._model, "observation_space", None)
+        wanted = getattr(space, "shape", None)
+        if wanted not in (None, observations.shape[1:]):
+            raise InvalidArgumentError(
+                f"{self._argument} must observe {observations.shape[1:]} numbers; got a model of "
+                f"{wanted}: choose the task and observe_fins, of the environment or of swim, with "
+                "which it was trained"
+            )
+        begins = np.full(len(observations), self._begins)
+        scaled = self._scaled(observations)
+        actions, self._state = self._model.predict(scaled, self._state, begins, deterministic=True)
+        self._begins = False
+        return actions  # type: ignore[no-any-return]

@@ -1,1 +1,0 @@
-"""How far controllers swim: rollouts, fitness, transfer to another body, scores in environments."""

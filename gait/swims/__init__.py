@@ -1,0 +1,1 @@
+"""Swims: one to look at, many to score, episodes to evaluate, and a gait on two bodies."""

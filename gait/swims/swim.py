@@ -1,0 +1,152 @@
+"""The swim of one robot, by whatever steers it, on any engine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from numpy.typing import ArrayLike
+
+from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.rollout import rollout
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats, Triple
+from aquafish_gym.utils.validation import finite_array, instance
+from aquafish_gym.world_config import WorldConfig
+from gait.controllers.agents import beliefs_of, held_steps, make_policy, refuse_unused
+from gait.controllers.controller import INTERVAL, Controller
+from gait.swims.poses import ZERO_POSE
+
+SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
+_MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
+
+
+@dataclass(frozen=True)
+class Swim:
+    """One swim, sampled at its start and after each command.
+
+    The swim of a :class:`gait.Controller` is sampled every 0.05 s, or more often if its interval is
+    no multiple of that.
+
+    Examples
+    --------
+    >>> still = swim(lambda observation, time: (0.0, 0.0, 0.0), None, engine="numba", seconds=1)
+    >>> len(still.time)
+    21
+    """
+
+    time: Floats  #: (T,) in s.
+    position: Floats  #: (T, 3) of the capsule's centre in the world, from the origin, in units.
+    quaternion: Floats  #: (T, 4) from body to world, (x, y, z, w).
+    fin_angles: Floats  #: (T, 3) left and right pectoral angle and caudal phase, in rad.
+    #: Velocity of the water in the world, in units/s.
+    current: Triple = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    #: (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the command
+    #: until then, rev/s, rev/s and Hz; None for a swim read from a file.
+    gyro: Floats | None = field(default=None, kw_only=True)
+    commands: Floats | None = field(default=None, kw_only=True)
+
+    @property
+    def distance(self) -> float:
+        """Distance along the world's +y relative to the water, in units; NaN if it diverged.
+
+        A gait gains nothing from a current that carries it. ``position`` is over ground.
+        """
+        return float(self.position[-1, 1] - self.current[1] * self.time[-1])
+
+    def __repr__(self) -> str:
+        return f"Swim(distance {self.distance:z.2f} units in {self.time[-1]:g} s)"
+
+
+def swim(
+    controller: object,
+    morphology: MorphologyLike,
+    fin_angles: ArrayLike = ZERO_POSE,
+    engine: str = "auto",
+    seconds: float = SECONDS,
+    world: WorldConfig | None = None,
+    believed: ArrayLike | None = None,
+    believed_gain: ArrayLike | None = None,
+    interval: int | None = None,
+    observe_fins: str | bool = False,
+) -> Swim:
+    """Return the path of one robot.
+
+    Parameters
+    ----------
+    controller
+        A :class:`gait.Controller`; a function of an observation and the time (one that can take the
+        time is given it, even if it has a default), or an object with a method ``policy`` that
+        returns one. Or what acts in an environment: a function of observations, an object with
+        ``act``, or with ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
+        An object's ``morphology`` is its native body; see :func:`gait.swims.transfer.transfer`.
+    morphology
+        A body as ``Morphology.coerce`` takes it; None is the nominal one.
+    fin_angles
+        (3,) initial left and right pectoral angle and caudal phase, rad.
+    seconds
+        Length of the swim.
+    world
+        The water and the servos; None is ``WorldConfig()``.
+    believed, believed_gain
+        What a controller that reckons its fins assumes: initial angles (3,) in rad, and servo gains
+        (3,). None for the true ones. Refused if it does not, or has beliefs of its own, as an agent
+        has of its gains.
+    interval
+        Steps of 0.01 s for which an action is held. None: a controller's or agent's own; else 5
+        for a policy, and 20, the environments' ``frame_skip``, for what acts in one.
+    engine
+        ``"pybullet"``, ``"numba"`` (compiled, float64), or ``"auto"``: PyBullet if installed.
+    observe_fins
+        ``"reckoned"`` appends the sines and cosines of the fin angles, by dead reckoning, to the
+        nine numbers of an observation, as the environments' option does. A model that was trained
+        on them needs it.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If an argument does not fit, or the controller returns no action.
+    EngineUnavailableError
+        If the engine's package is missing.
+    """
+    angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+    body = Morphology.coerce(morphology).to_array()
+    time = step_count(seconds) * TIMESTEP
+    config = check_world(world)
+    assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
+    gain = config.servo_gain if believed_gain is None else believed_gain
+    gain = finite_array("believed_gain", gain, (3,))
+    beliefs = beliefs_of(controller, observe_fins)
+    refuse_unused(beliefs.angles, "believed", believed)
+    refuse_unused(beliefs.gains, "believed_gain", believed_gain)
+    steps = held_steps(controller, interval)
+    policy = make_policy(controller, steps, assumed, gain, observe_fins)
+    (path,) = rollout(
+        [policy],
+        config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
+        engine=check_engine(engine),
+        seconds=time,
+        interval=sampling_steps(controller) if isinstance(controller, Controller) else steps,
+        substeps=config.substeps,
+    ).paths
+    return Swim(**vars(path), current=config.current)
+
+
+def sampling_steps(controller: Controller) -> int:
+    """Return from how many to how many steps of 0.01 s the path of a controller is sampled.
+
+    At most the 5 of an action by default, of which its own interval must be a multiple.
+    """
+    return math.gcd(INTERVAL, controller.interval)
+
+
+def check_world(world: WorldConfig | None) -> WorldConfig:
+    """Return a world; None is the default."""
+    return _MODEL_WORLD if world is None else instance("world", world, WorldConfig)
+
+
+def step_count(seconds: float) -> int:
+    """Return the physics steps in a time, which is at most an hour."""
+    time = float(finite_array("seconds", seconds, (), TIMESTEP, 3600.0, "s"))
+    return round(time / TIMESTEP)
