@@ -9,19 +9,16 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
-import math
 from collections.abc import Callable, Sequence
 from numbers import Real
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import FINS
-from aquafish_gym.rollout.plan import PROGRAM_CHANNELS, Act
-from aquafish_gym.rollout.programs import ProgramAgent
+from aquafish_gym.rollout.plan import Act
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
-from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.array_types import Floats, Observations
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -29,10 +26,10 @@ from aquafish_gym.utils.validation import (
     finite_array,
     instance,
     integer,
-    real_array,
 )
 from gait.controllers.controller import INTERVAL, Controller, check_controllers, program_of
 from gait.controllers.inputs import reckoned
+from gait.controllers.network_agent import NetworkAgent, fin_angles_of
 
 FRAME_SKIP = 20  # steps of 0.01 s for which the environments hold an action by default
 MAXIMUM_INTERVAL = 2000
@@ -56,7 +53,7 @@ class Agent(Protocol):
         """Return actions (E, 3) in [-1, 1] for observations (E, k)."""
 
 
-class ControllerAgent:
+class ControllerAgent(NetworkAgent):
     """An agent by a controller: for one robot, or for all robots of a batched environment.
 
     It keeps their clock, their network's memory and the fin angles by dead reckoning. A reading
@@ -98,104 +95,9 @@ class ControllerAgent:
             controllers = check_controllers(controller)
         else:
             controllers = [instance("controller", controller, Controller)]
+        gain = finite_array("believed_gain", believed_gain, (len(FINS),))
+        super().__init__(program_of(controllers), gain)
         self.controller = controllers[0]
-        self._program = program_of(controllers)
-        self.interval = self._program.interval
-        self._gain = finite_array("believed_gain", believed_gain, (len(FINS),))
-        self._needed = len(CHANNELS) + 3 * self._program.observes_goal
-
-    def reset(self, info: dict[str, Any]) -> None:
-        """Begin an episode of each robot, at the true fin angles (B, 3) or (3,) in ``info``."""
-        fins = _fin_angles(info)
-        known = self._program.weights.shape[1]
-        if known not in (1, len(fins)):
-            raise InvalidArgumentError(
-                f"controller must be one for all {len(fins)} robots or one for each; got {known}"
-            )
-        self._robots = ProgramAgent(self._program, fins, self._gain)
-        self._sensed = np.zeros((len(fins), PROGRAM_CHANNELS))
-        self._intervals = 0
-
-    def act(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (B, 3) for observations (B, k), or (3,) for the one of a single robot."""
-        if not hasattr(self, "_robots"):
-            raise InvalidArgumentError("reset(info) must be called before act(observations)")
-        robots = len(self._sensed)
-        wanted = f"({robots}, {self._needed} or more)"
-        given = real_array("observations", observations, wanted)
-        rows = given[None] if given.ndim == 1 else given
-        if rows.ndim != 2 or len(rows) != robots or rows.shape[1] < self._needed:
-            raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
-        actions = self._act(rows).astype(np.float32)
-        return actions.reshape((*given.shape[:-1], len(FINS)))
-
-    def _act(self, observations: Floats, begun: float = 0.0) -> Floats:
-        """Return actions (B, 3) in double precision; the clock began at ``begun``, s."""
-        sensed = np.zeros_like(self._sensed)
-        sensed[:, : len(CHANNELS)] = observations[:, : len(CHANNELS)]
-        if self._program.observes_goal:
-            sensed[:, len(CHANNELS) :] = observations[:, -3:]
-        sensed = valid_readings(sensed, limits(observe_fins=False, has_goal=True))
-        self._sensed = np.where(np.isnan(sensed), self._sensed, sensed)
-        time = begun + self._intervals * self.interval * TIMESTEP
-        self._intervals += 1
-        return self._robots.act(self._sensed, time)
-
-    def _miss(self, intervals: int, actions: Floats) -> None:
-        """Let intervals pass in which actions (B, 3) remained in force."""
-        seconds = intervals * self.interval * TIMESTEP
-        self._robots.fin_angles = reckoned(self.fin_angles, actions, seconds, self._gain)
-        self._intervals += intervals
-
-    def policy(self, fin_angles: ArrayLike) -> Act:
-        """Return a policy of one robot that begins with fin angles (3,), rad.
-
-        See :meth:`gait.Controller.policy`. It is the only user of this agent from then on.
-        """
-        self.reset({"fin_angles": finite_array("fin_angles", fin_angles, (len(FINS),), unit="rad")})
-        wanted = f"({self._needed} or more,)"
-        half = TIMESTEP / 2
-        begun = last = -math.inf
-        actions = np.zeros((1, len(FINS)))
-
-        def act(observation: ArrayLike, time: float) -> Floats:
-            nonlocal begun, last, actions
-            given = real_array("observation", observation, wanted)
-            if given.ndim != 1 or len(given) < self._needed:
-                raise InvalidArgumentError(
-                    f"observation must have shape {wanted}; got {given.shape}"
-                )
-            if not last <= time < math.inf:
-                raise InvalidArgumentError(
-                    "time must be finite and not go back in the swim of a policy; make another "
-                    f"policy for another swim; got {time:g} s after {last:g} s"
-                )
-            if not math.isfinite(begun):
-                begun = time
-            last = time
-            over = math.floor((time - begun + half) / (self.interval * TIMESTEP))
-            if over >= self._intervals:
-                if over > self._intervals:
-                    self._miss(over - self._intervals, actions)
-                actions = self._act(given[None], begun)
-            return np.asarray(actions[0])
-
-        return act
-
-    @property
-    def fin_angles(self) -> Floats:
-        """Where it assumes the fins to be, (B, 3) rad; set them where they are known."""
-        return self._robots.fin_angles
-
-    @fin_angles.setter
-    def fin_angles(self, angles: Floats) -> None:
-        self._robots.fin_angles = angles
-
-    def copy(self) -> Self:
-        """Return an agent that goes on from here, without effect on this one."""
-        other = copy.copy(self)
-        other._robots = self._robots.copy()
-        return other
 
 
 def make_agent(
@@ -280,19 +182,9 @@ def make_policy(
     Raises
     ------
     InvalidArgumentError
-        As :func:`make_agent`, or if ``observe_fins`` does not fit.
+        As :func:`make_agent`.
     """
-    if observe_fins is not False and observe_fins != "reckoned":
-        raise InvalidArgumentError(
-            'observe_fins must be False or "reckoned", as a swim has no sensors of fin angles; '
-            f"got {brief(observe_fins)}"
-        )
     if isinstance(controller, Controller):
-        if observe_fins:
-            raise InvalidArgumentError(
-                "observe_fins must be False for a Controller, whose senses say whether it reckons "
-                f"its fins; got {brief(observe_fins)}"
-            )
         return controller.policy(fin_angles, servo_gain)
     if takes_time(controller):
         act = _policy_of(controller)
@@ -327,10 +219,26 @@ class Beliefs(NamedTuple):
 
 
 def beliefs_of(controller: object, observe_fins: str | bool = False) -> Beliefs:
-    """Return what a controller uses; for the arguments see :func:`make_policy`."""
+    """Return what a controller uses; for the arguments see :func:`make_policy`.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``observe_fins`` does not fit.
+    """
+    reckons = isinstance(observe_fins, str) and observe_fins == "reckoned"
+    if not reckons and observe_fins is not False:
+        raise InvalidArgumentError(
+            'observe_fins must be False or "reckoned", as a swim has no sensors of fin angles; '
+            f"got {brief(observe_fins)}"
+        )
     if isinstance(controller, Controller):
+        if reckons:
+            raise InvalidArgumentError(
+                "observe_fins must be False for a Controller, whose senses say whether it reckons "
+                f"its fins; got {brief(observe_fins)}"
+            )
         return Beliefs(controller.senses.fins, controller.senses.fins)
-    reckons = bool(observe_fins)
     begins = _has(controller, "act") and (_has(controller, "reset") or _has(controller, "begin"))
     return Beliefs(reckons or begins, reckons)
 
@@ -379,13 +287,6 @@ def takes_time(controller: object) -> bool:
 
 def _has(controller: object, method: str) -> bool:
     return callable(getattr(controller, method, None))
-
-
-def _fin_angles(info: dict[str, Any]) -> Floats:
-    """Return the fin angles (B, 3) in the ``info`` of a reset."""
-    if "fin_angles" not in instance("info", info, dict):
-        raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
-    return finite_array("fin_angles", info["fin_angles"], (None, len(FINS)), unit="rad", flat=True)
 
 
 def _policy_of(controller: Any) -> Act:
@@ -469,7 +370,7 @@ class _EachRobot:
 def _begin(agent: Any, info: dict[str, Any], robots: int) -> list[Act]:
     """Return the policies of robots that have an agent each: the agent itself, and copies."""
     agents = [agent, *(copy.deepcopy(agent) for _ in range(robots - 1))]
-    for one, angles in zip(agents, _fin_angles(info), strict=True):
+    for one, angles in zip(agents, fin_angles_of(info), strict=True):
         one.begin(angles)
     return [functools.partial(_act_alone, one) for one in agents]
 

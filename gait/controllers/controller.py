@@ -27,6 +27,7 @@ from aquafish_gym.utils.validation import (
 from gait.controllers import network
 from gait.controllers.checks import check_fields, check_order, check_senses, check_sums
 from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.network_agent import NetworkAgent
 
 SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000
@@ -253,10 +254,8 @@ class Controller:
         action that it holds. Called late, it takes the intervals that were missed for ones of the
         action in force: its clock and fins go on by whole intervals.
         """
-        # Agents are built on controllers.
-        from gait.controllers.agents import ControllerAgent
-
-        return ControllerAgent(self, servo_gain).policy(fin_angles)
+        gains = finite_array("servo_gain", servo_gain, (len(FINS),))
+        return NetworkAgent(program_of([self]), gains).policy(fin_angles)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""

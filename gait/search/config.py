@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
-from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.envs.specification import as_json
+from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -21,11 +22,16 @@ from gait.controllers.controller import INTERVAL, MAXIMUM_HELD_STEPS, MAXIMUM_SE
 from gait.controllers.network import Senses
 from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
+from gait.swims.scores import FORWARD
 from gait.swims.swim import SECONDS, step_count
 
 Sense = Literal["imu", "clock", "fins"]
 TaskName = Literal["forward", "station", "waypoint", "recovery", "return"]
 Class = Literal["recurrent", "mlp", "linear"]
+if TYPE_CHECKING:
+    TaskLike: TypeAlias = TaskName | Task
+else:
+    TaskLike = TaskName  # the commands read the annotation, and take names alone
 CMA_POPULATION = 24  # in NEAT's tuning, too
 # Where they are not given: population, restarts, random_candidates, generations, cma_generations.
 DEFAULTS = {
@@ -35,10 +41,10 @@ DEFAULTS = {
 }
 
 
-def make_senses(names: tuple[Sense, ...], task: TaskName, harmonics: int = 1) -> Senses:
+def make_senses(names: tuple[Sense, ...], task: TaskLike, harmonics: int = 1) -> Senses:
     """Return the inputs of a controller with these senses for a task."""
     clock = harmonics if "clock" in names else 0
-    return Senses("imu" in names, clock, "fins" in names, TASKS[task].has_goal)
+    return Senses("imu" in names, clock, "fins" in names, check_task(task).has_goal)
 
 
 def check_interval(value: object, seconds: float) -> None:
@@ -111,8 +117,9 @@ class EvolveConfig:
     senses: tuple[Sense, ...] = ("imu", "clock")
     """What the controller observes, besides the direction to a goal if the task has one. Fin angles
     are not measured: they are integrated from the initial angles and the commands."""
-    task: TaskName = "forward"
-    """Swim forward, or another task of the environments, which takes longer."""
+    task: TaskLike = "forward"
+    """Swim forward, or another task of the environments, which takes longer. In Python also a
+    Task of aquafish_gym.envs.tasks, such as one of your own."""
     interval: int = INTERVAL
     """Steps of 0.01 s that an action is held."""
     hidden: int | None = None
@@ -156,12 +163,20 @@ class EvolveConfig:
             if getattr(self, name) is not None:
                 one_of(name, getattr(self, name), choices)
         object.__setattr__(self, "senses", check_senses(self.senses))
-        one_of("task", self.task, get_args(TaskName))
+        judged = check_task(self.task)
+        if not isinstance(self.task, str):
+            object.__setattr__(self, "task", judged)
         if self.clock is not None:
             finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
         if integer("interval", self.interval, 1) != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
+        steps = round(self.episode_seconds / TIMESTEP)
+        if not self.is_forward and steps % self.interval:
+            raise InvalidArgumentError(
+                f"interval must divide {steps}, the steps of the task's "
+                f"{self.episode_seconds:g} s; got {self.interval}"
+            )
         self._refuse_what_has_no_effect()
         if 0 < self.plan.random_candidates < self.plan.restarts:
             raise InvalidArgumentError(
@@ -184,19 +199,24 @@ class EvolveConfig:
             ("harmonics", self.harmonics is not None, 'a "clock" among the senses',
              "clock" in self.senses),
             ("clock", self.clock is not None, 'a "clock" among the senses', "clock" in self.senses),
-            ("seconds", self.seconds != SECONDS, 'task="forward"', self.task == "forward"),
+            ("seconds", self.seconds != SECONDS, 'task="forward"', self.is_forward),
         ):  # fmt: skip
             if given and not there:
                 raise InvalidArgumentError(
                     f"{name} has an effect only with {needed}; got {getattr(self, name)!r} with "
                     f'search="{plan.search}", controller="{plan.controller}", '
-                    f'senses={self.senses}, task="{self.task}"'
+                    f"senses={self.senses}, task={brief(self.task)}"
                 )
+
+    @property
+    def is_forward(self) -> bool:
+        """Whether a score is the distance swum forward, not the return of a task's episode."""
+        return isinstance(self.task, str) and self.task == FORWARD
 
     @property
     def episode_seconds(self) -> float:
         """Length of an episode, in s."""
-        return self.seconds if self.task == "forward" else TASKS[self.task].seconds
+        return self.seconds if self.is_forward else check_task(self.task).seconds
 
     @property
     def plan(self) -> SearchPlan:
@@ -241,12 +261,18 @@ class EvolveConfig:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that a run depends on, ready for JSON, except the length of its last stage."""
+        """All that a run depends on, ready for JSON, except the length of its last stage.
+
+        A task that is no name is the name of its class and its attributes. InvalidArgumentError if
+        it cannot be written so, as that of a class which no other program can import.
+        """
         plan = {**self.plan._asdict(), "senses": asdict(self.plan.senses)}
         omitted = {"threads", "paper", "rows"}
         if self.plan.cma_generations:
             omitted.add("cma_generations")
         elif self.plan.search == "cma" or self.plan.restarts == 1:
             omitted.add("generations")
-        settings = {**asdict(self), **plan}
+        settings = {one.name: getattr(self, one.name) for one in fields(self)} | plan
+        if not isinstance(self.task, str):
+            settings["task"] = as_json("task", self.task)
         return {name: value for name, value in settings.items() if name not in omitted}

@@ -7,18 +7,21 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
 from aquafish_gym.damage import Damage
-from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.envs.tasks import check_task, compiled_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows
+from aquafish_gym.runs.code import code_hash
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    brief,
     callback,
     finite_array,
     instance,
@@ -148,7 +151,8 @@ def evolve_gait(
     InvalidArgumentError
         If an argument does not fit, a sample has no ``poses``, ``world`` or ``start`` is given with
         another task, ``config`` sets what ``first`` has of its own, or ``out`` cannot be written,
-        is in use, or holds another run, a run of other code or a damaged checkpoint.
+        is in use, or holds another run, a run of other code or a damaged checkpoint, or is given
+        with a task that no file can state.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = check_world(world)
@@ -164,14 +168,16 @@ def evolve_gait(
         plan = plan._replace(rows=plan.generations)
     body = median_body(bodies)
     sample = sample_stamp(bodies) if len(bodies) > 1 else None
-    settings = {"morphology": body.to_dict(), **config.settings}
-    more = {
-        "sample": sample,
-        "world": None if world == WorldConfig() else asdict(world),
-        "first": None if first is None else first.to_dict(),
-        "start": None if state is None else state.tolist(),
-    }
-    settings |= {name: value for name, value in more.items() if value is not None}
+    settings: dict[str, Any] = {}
+    if out is not None:
+        more = {
+            "sample": sample,
+            "world": None if world == WorldConfig() else asdict(world),
+            "first": None if first is None else first.to_dict(),
+            "start": None if state is None else state.tolist(),
+        }
+        settings = {"morphology": body.to_dict(), **_written(config)}
+        settings |= {name: value for name, value in more.items() if value is not None}
     trials = _Trials(bodies, config, world, state)
     search = make_search(config, body, first)
     run = History(sample)
@@ -197,6 +203,18 @@ def evolve_gait(
             if folder and run.rows and len(run.rows) >= len(recorded):
                 run.save(folder)
     return Evolved(run.best, run.fitness, tuple(run.rows), trials.distances(run.best))
+
+
+def _written(config: EvolveConfig) -> dict[str, Any]:
+    """Return a configuration's settings; of a task of the user's own class, its code, too."""
+    try:
+        settings = config.settings
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"out must be None with this task: {error}") from None
+    task = config.task
+    if not isinstance(task, str) and compiled_task(task) is None:
+        settings["task_code"] = code_hash(type(task))
+    return settings
 
 
 def make_search(config: EvolveConfig, body: Morphology, first: Controller | None = None) -> Search:
@@ -339,8 +357,8 @@ def _check(
             "another body; got 0"
         )
     for name, given in (("world", world != WorldConfig()), ("start", moving)):
-        if given and config.task != "forward":
-            raise InvalidArgumentError(f'{name} has no effect with the task "{config.task}"')
+        if given and not config.is_forward:
+            raise InvalidArgumentError(f"{name} has no effect with the task {brief(config.task)}")
     if moving and config.poses != EvolveConfig.poses:
         raise InvalidArgumentError(
             f"poses has no effect with start, from which all swim; got {config.poses}"
@@ -350,7 +368,7 @@ def _check(
 def _check_first(first: object, config: EvolveConfig) -> None:
     """Refuse a first controller that does not fit a configuration."""
     checked = instance("first", first, Controller)
-    task = config.task
+    task = check_task(config.task)
     default = EvolveConfig()
     for name in OF_A_NETWORK:
         if getattr(config, name) != getattr(default, name):
@@ -358,11 +376,12 @@ def _check_first(first: object, config: EvolveConfig) -> None:
                 f"{name} has no effect with first, a search by CMA-ES whose network, senses and "
                 f"clock are that controller's; got {getattr(config, name)!r}"
             )
-    if checked.senses.goal and not TASKS[task].has_goal:
-        raise InvalidArgumentError(f'first must not observe a goal in the task "{task}"')
+    words = f"the task {brief(config.task)}"
+    if checked.senses.goal and not task.has_goal:
+        raise InvalidArgumentError(f"first must not observe a goal in {words}")
     steps = round(config.episode_seconds / TIMESTEP)
-    if task != "forward" and steps % checked.interval:
+    if not config.is_forward and steps % checked.interval:
         raise InvalidArgumentError(
-            f"first must hold its actions for a number of steps that divides the {steps} of the "
-            f'task "{task}"; got an interval of {checked.interval}'
+            f"first must hold its actions for a number of steps that divides the {steps} steps of "
+            f"{words}; got an interval of {checked.interval}"
         )
