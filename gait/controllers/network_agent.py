@@ -65,18 +65,18 @@ class NetworkAgent:
         rows = given[None] if given.ndim == 1 else given
         if rows.ndim != 2 or len(rows) != robots or rows.shape[1] < self._needed:
             raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
-        actions = self._act(rows).astype(np.float32)
+        time = self._intervals * (self.interval * TIMESTEP)
+        actions = self._act(rows, time).astype(np.float32)
         return actions.reshape((*given.shape[:-1], len(FINS)))
 
-    def _act(self, observations: Floats, begun: float = 0.0) -> Floats:
-        """Return actions (B, 3) in double precision; the clock began at ``begun``, s."""
+    def _act(self, observations: Floats, time: float) -> Floats:
+        """Return actions (B, 3) in double precision for what is observed at a time, s."""
         sensed = np.zeros_like(self._sensed)
         sensed[:, : len(CHANNELS)] = observations[:, : len(CHANNELS)]
         if self._program.observes_goal:
             sensed[:, len(CHANNELS) :] = observations[:, -3:]
         sensed = valid_readings(sensed, limits(observe_fins=False, has_goal=True))
         self._sensed = np.where(np.isnan(sensed), self._sensed, sensed)
-        time = begun + self._intervals * self.interval * TIMESTEP
         self._intervals += 1
         return self._robots.act(self._sensed, time)
 
@@ -116,7 +116,8 @@ class NetworkAgent:
             if over >= self._intervals:
                 if over > self._intervals:
                     self._miss(over - self._intervals, actions)
-                actions = self._act(given[None], begun)
+                # As a rollout multiplies: whole steps of 0.01 s first.
+                actions = self._act(given[None], begun + over * self.interval * TIMESTEP)
             return np.asarray(actions[0])
 
         return act

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.envs.episode import begin_episodes, check_episode
+from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.rollout import rollout
-from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats, Triple
-from aquafish_gym.utils.validation import finite_array, instance
+from aquafish_gym.utils.validation import finite_array, instance, integer
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.agents import beliefs_of, held_steps, make_policy, refuse_unused
-from gait.controllers.controller import INTERVAL, Controller
+from gait.controllers.controller import INTERVAL, MAXIMUM_SEED, Controller
 from gait.swims.poses import ZERO_POSE
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
@@ -26,8 +28,8 @@ _MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short sw
 class Swim:
     """One swim, sampled at its start and after each command.
 
-    The swim of a :class:`gait.Controller` is sampled every 0.05 s, or more often if its interval is
-    no multiple of that.
+    The swim of a :class:`gait.Controller` without damage is sampled every 0.05 s, or more often if
+    its interval is no multiple of that.
 
     Examples
     --------
@@ -70,6 +72,8 @@ def swim(
     believed_gain: ArrayLike | None = None,
     interval: int | None = None,
     observe_fins: str | bool = False,
+    damage: object = None,
+    seed: int = 0,
 ) -> Swim:
     """Return the path of one robot.
 
@@ -102,6 +106,12 @@ def swim(
         ``"reckoned"`` appends the sines and cosines of the fin angles, by dead reckoning, to the
         nine numbers of an observation, as the environments' option does. A model that was trained
         on them needs it.
+    damage
+        As of the environments, with onsets from the start of the swim on. A controller does not
+        know of it, except for the initial angle of a dead servo's fin, which is random.
+    seed
+        Of random damage, of the angles of dead servos, and of the noise of sensors, as of an
+        environment with the same initial fin angles that was seeded so.
 
     Raises
     ------
@@ -111,26 +121,36 @@ def swim(
         If the engine's package is missing.
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-    body = Morphology.coerce(morphology).to_array()
+    body = Morphology.coerce(morphology)
     time = step_count(seconds) * TIMESTEP
-    config = check_world(world)
-    assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
-    gain = config.servo_gain if believed_gain is None else believed_gain
+    water = check_world(world)
+    gain = water.servo_gain if believed_gain is None else believed_gain
     gain = finite_array("believed_gain", gain, (3,))
     beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "believed", believed)
     refuse_unused(beliefs.gains, "believed_gain", believed_gain)
     steps = held_steps(controller, interval)
+    task = SwimForward(seconds=time)
+    config = check_episode(task, body, damage, fin_angles=angles, hold=steps)
+    rng = np.random.default_rng(integer("seed", seed, 0, MAXIMUM_SEED))
+    robot, _ = begin_episodes([config], [rng], steps)
+    assumed = robot.fin_angles[0]
+    if believed is not None:
+        assumed = finite_array("believed", believed, (3,), unit="rad")
     policy = make_policy(controller, steps, assumed, gain, observe_fins)
+    sampled = steps
+    if isinstance(controller, Controller) and not config.damage:  # which counts the actions
+        sampled = sampling_steps(controller)
     (path,) = rollout(
         [policy],
-        config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
+        water.edit(robot),
         engine=check_engine(engine),
         seconds=time,
-        interval=sampling_steps(controller) if isinstance(controller, Controller) else steps,
-        substeps=config.substeps,
+        interval=sampled,
+        rngs=[rng],
+        substeps=water.substeps,
     ).paths
-    return Swim(**vars(path), current=config.current)
+    return Swim(**vars(path), current=water.current)
 
 
 def sampling_steps(controller: Controller) -> int:

@@ -283,15 +283,15 @@ def test_an_agent_of_a_controller_senses_the_last_reading_instead_of_a_glitch(
     np.testing.assert_array_equal(one.act(seen[0]), other.act(seen[0]))
 
 
-def test_a_policy_of_a_controller_saturates_a_glitch() -> None:
+def test_a_policy_of_a_controller_does_not_observe_a_glitch() -> None:
     gait = load_library()[0]
     policies = [gait.policy() for _ in range(2)]
     for k in range(5):
-        spoilt, clipped = np.full((2, 9), 0.1)
+        spoilt, plain = np.full((2, 9), 0.1)
         if k == 2:
-            spoilt[6], clipped[6] = 1e308, MOST[6]
+            spoilt[6] = 1e308
         one, other = (
-            policy(seen, 0.2 * k) for policy, seen in zip(policies, (spoilt, clipped), strict=True)
+            policy(seen, 0.2 * k) for policy, seen in zip(policies, (spoilt, plain), strict=True)
         )
         assert np.isfinite(one).all()
         np.testing.assert_array_equal(one, other)

@@ -34,6 +34,8 @@ NOT_RUN = {
     "AQUAFISH_DIVERGED": "a program of yours; tests/engines/test_divergence.py",
     "aquafish film out/diverged": "needs a swim that diverged; tests/engines/test_divergence.py",
     "cc -std=c99 -Dpolicy_TEST": "needs a policy; tests/gait/test_export_policy.py",
+    "aquafish export own.json": "needs a NEAT run; tests/docs/test_neat_page.py",
+    "cc -std=c99 -Down_TEST": "needs a NEAT run; tests/docs/test_neat_page.py",
     "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
 }
 TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"

@@ -24,6 +24,7 @@ SMALLER = {
     "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
     "learn(300_000)": "learn(6_400)",
     "learn(600_000)": "learn(6_400)",
+    "run(evaluate, 100)": "run(evaluate, 1)",
 }
 PAGES = {
     str(page.relative_to(ROOT)): BLOCK.findall(page.read_text(encoding="utf-8"))

@@ -18,12 +18,14 @@ from gymnasium.spaces import Box
 from aquafish.online import SelfModelAgent
 from aquafish.viewer.live import LiveSwim, gait_pilot, pilot_of
 from aquafish_gym import Damage, Morphology
+from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait import Controller, evaluate, scores, swim
+from gait import Controller, damaged_at_random, evaluate, scores, swim
 from gait.controllers.agents import ControllerAgent, held_steps, takes_time
 from gait.controllers.inputs import reckoned
 from gait.controllers.network import Senses
 from gait.film import Film
+from gait.search.templates import Template
 from gait.swims.transfer import TransferConfig, swims_on, transfer
 
 ACTION = (0.2, -0.4, 1.0)
@@ -277,6 +279,53 @@ def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int
         evaluate(controller, episodes=1, frame_skip=40)
 
 
+WORLDS_OF_SWIMS = [
+    "none",
+    "caudal:dead",
+    "left_pectoral:dead@1; right_pectoral:weak",
+    "gyro:noise=0.2; up_z:dropped@0.5",
+    "random:severe@1-2",
+    "random:moderate",
+]
+
+
+@pytest.mark.parametrize("damage", WORLDS_OF_SWIMS)
+@pytest.mark.parametrize("interval", range(1, 21))
+def test_swim_scores_and_evaluate_are_the_same_swim(interval: int, damage: str) -> None:
+    """Of random controllers with a memory, a clock and fins that they reckon, on both engines."""
+    seconds = 0.01 * interval * (300 // interval)
+    rng = np.random.default_rng([interval, WORLDS_OF_SWIMS.index(damage)])
+    template = Template.of_class("recurrent", Senses(clock=2, fins=True), 4, interval)
+    body = damaged_at_random(Morphology.nominal(), 1, interval)[0]
+    vector = 0.4 * rng.standard_normal(template.size)
+    controller = template.controller(vector, 0.3 + rng.random(), body, 0)
+    pose = rng.uniform(-np.pi, np.pi, 3)
+    seed = int(rng.integers(1000))
+    task = SwimForward(seconds=seconds, ctrl_weight=0.0)
+    played = evaluate(
+        controller, episodes=1, seed=seed, task=task, frame_skip=interval, damage=damage,
+        morphology=body, fin_angles=pose, dtype="float64", engine="numba",
+    )  # fmt: skip
+    expected = played.y_position[-1, 0]
+    for engine in ("numba", "pybullet"):
+        path = swim(controller, body, pose, engine, seconds, damage=damage, seed=seed)
+        assert path.distance == pytest.approx(expected, abs=1e-4)
+        np.testing.assert_allclose(
+            np.interp(0.01 * interval * np.arange(len(played.y_position)), path.time,
+                      path.position[:, 1]),
+            played.y_position[:, 0], atol=1e-4,
+        )  # fmt: skip
+        (far,) = scores(
+            [controller], body, [pose], task=task, damage=damage, seed=seed, engine=engine,
+            dtype="float64",
+        )[0]  # fmt: skip
+        assert far == pytest.approx(expected, abs=1e-4)
+    if damage == "none":
+        (far,) = scores([controller], body, [pose], seconds, dtype="float64")[0]
+        assert far == pytest.approx(expected, abs=1e-4)
+    assert np.abs(played.y_position).max() > 1e-3
+
+
 def test_a_policy_follows_the_clock_in_whole_intervals() -> None:
     """A loop on a robot is late by some milliseconds, and now and then by more."""
     controller = random_controller(7)
@@ -308,8 +357,7 @@ def test_intervals_that_a_policy_missed_are_of_the_action_in_force() -> None:
     fins = reckoned(fins[None], first[None], 0.4, gain)[0]
     again = ControllerAgent(plain, gain)
     again.reset({"fin_angles": fins})
-    again._intervals = 4
-    np.testing.assert_allclose(found, again._act(np.zeros((1, 9)), 5.0)[0], atol=1e-12)
+    np.testing.assert_allclose(found, again._act(np.zeros((1, 9)), 5.4)[0], atol=1e-12)
     assert np.abs(found - first).max() > 1e-3
     np.testing.assert_array_equal(policy(np.ones(9), 5.49), found)
     assert (policy(np.zeros(9), 5.5) != found).any()

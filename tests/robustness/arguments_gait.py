@@ -82,8 +82,11 @@ ROWS = [
         {
             "controller": FINS, "morphology": BODY, "fin_angles": np.zeros(3), "engine": "numba",
             **SWIM, "believed": np.zeros(3), "interval": 5, "observe_fins": False,
+            "damage": "none", "seed": 0,
         },
-        options(controller=CALLABLE, morphology=NO_BODY, interval="none", **SWUM),
+        options(
+            controller=CALLABLE, morphology=NO_BODY, interval="none", damage=NO_DAMAGE, **SWUM
+        ),
     ),
     Call(
         scores,
