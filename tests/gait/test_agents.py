@@ -282,7 +282,7 @@ def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int
 WORLDS_OF_SWIMS = [
     "none",
     "caudal:dead",
-    "left_pectoral:dead@1; right_pectoral:weak",
+    "left_pectoral:dead@1; right_pectoral:weak=0.5",
     "gyro:noise=0.2; up_z:dropped@0.5",
     "random:severe@1-2",
     "random:moderate",
