@@ -143,7 +143,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     --------
     >>> env = AquaFishEnv(damage="left_pectoral:length=0.5", engine="numba")
     >>> observation, info = env.reset(seed=0)
-    >>> observation.shape, int(info["faults"])
+    >>> observation.shape, info["faults"]
     ((9,), 1)
     >>> env.close()
     """
@@ -295,7 +295,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
             info["is_success"] = succeeded
         info["fin_angles"] = np.array(self._fin_angles)
         for name, value in self._truth.items():
-            info[name] = value.copy()
+            info[name] = value.copy() if value.ndim else value.item()
         info.update(terms)
         return info
 
