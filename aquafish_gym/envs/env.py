@@ -188,9 +188,6 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._state = at_rest((0.0, 0.0, 0.0))
         self._read_robot()
 
-    def _cut_off(self, seconds: float) -> None:
-        self._config = self._config.within(seconds)
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World
-from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for, read_class
+from aquafish_gym.envs.specification import FishSpec, read_class
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
@@ -190,21 +190,13 @@ class Setting:
     def spec(self) -> EnvSpec | None:
         """Gymnasium's description, with the length of an episode of this task and frame_skip.
 
-        A limit in the registry would also cut off episodes of another ``frame_skip`` or task. One
-        that no episode reaches is refused.
+        A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
         """
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        limit = limit_asked_for()
-        check_limit(limit, self._last, self.task, self.dt)
-        if limit is not None and 0 < limit < self._last:
-            self._cut_off(limit * self.dt)
         self._spec = spec and FishSpec.of(spec, self._last)
-
-    def _cut_off(self, seconds: float) -> None:
-        """Note that episodes are cut off after ``seconds``; refuse damage that comes later."""
 
 
 def float_action(action: object, shape: tuple[int, ...]) -> Floats | NDArray[np.float32]:

@@ -9,7 +9,6 @@ read again is refused when it is written.
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
@@ -17,7 +16,6 @@ from numbers import Integral, Real
 from pkgutil import resolve_name
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
@@ -49,6 +47,15 @@ class FishSpec(EnvSpec):
             value = min(value, self._last)
         super().__setattr__(name, value)
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether both are written alike; else whether all in them is equal."""
+        if not isinstance(other, EnvSpec):
+            return NotImplemented
+        try:
+            return _written(self) == _written(other)
+        except (TypeError, ValueError):  # an argument cannot be written
+            return type(self) is type(other) and _same(vars(self), vars(other))
+
     def to_json(self) -> str:
         """Return it as text in JSON.
 
@@ -57,8 +64,14 @@ class FishSpec(EnvSpec):
         InvalidArgumentError
             If an environment could not be made of that text.
         """
-        plain = {name: as_json(name, value) for name, value in self.kwargs.items()}
-        return EnvSpec.to_json(replace(self, kwargs=plain))
+        return json.dumps(_written(self))
+
+
+def _written(spec: EnvSpec) -> dict[str, Any]:
+    """Return what is written of a specification, ready for JSON."""
+    plain = {name: as_json(name, value) for name, value in spec.kwargs.items()}
+    written: dict[str, Any] = json.loads(EnvSpec.to_json(replace(spec, kwargs=plain)))
+    return written
 
 
 def check_limit(steps: int | None, last: int, task: Task, dt: float) -> None:
@@ -74,21 +87,6 @@ def check_limit(steps: int | None, last: int, task: Task, dt: float) -> None:
             f"max_episode_steps must be at most {last}, the steps of {dt:g} s in the "
             f"{task.seconds:g} s of the task; got {brief(steps)}{hint}"
         )
-
-
-def limit_asked_for() -> int | None:
-    """Return the limit of steps that ``gym.make``, which sets ``spec`` just now, was asked for.
-
-    It tells the environment of no limit. None if another function sets ``spec``.
-    """
-    caller = sys._getframe(2)
-    if caller.f_code is not gym.make.__code__:
-        return None
-    names = caller.f_locals
-    asked = names.get("max_episode_steps")
-    if asked is None:
-        asked = getattr(names.get("env_spec"), "max_episode_steps", None)
-    return asked if isinstance(asked, int) else None
 
 
 def as_json(name: str, value: Any) -> Any:
