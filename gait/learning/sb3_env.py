@@ -16,11 +16,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.utils.array_types import Flags
+from aquafish_gym.utils.array_types import Flags, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import Senses
-from gait.learning.sb3_infos import RobotInfo, Table, copied, joined
 
 Options = dict[str, Any]
 
@@ -33,8 +32,10 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
     """A batched environment for stable-baselines3; ``VecMonitor`` around it logs the episodes.
 
     It does what stable-baselines3's ``DummyVecEnv`` does: seeds and options are those of the next
-    reset, each step has a dictionary of information for each robot, and ``reset_infos`` holds
-    that of the resets.
+    reset, and ``reset_infos`` holds the information of the resets. But a step returns the whole
+    information of the robots whose episode ended in it, which is what trainers, ``VecMonitor`` and
+    ``evaluate_policy`` read; of the others only ``TimeLimit.truncated``, which is False. Filling a
+    thousand dictionaries would take longer than the step. All of it is in ``info``, in arrays.
 
     Parameters
     ----------
@@ -48,6 +49,9 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
     ----------
     envs
         As given: it is what is reset, stepped, rendered and closed.
+    info
+        The information of the last step or reset as ``envs`` gave it, such as ``info["faults"]``,
+        (B,); a wrapper such as ``VecNormalize`` has it, too.
     earned
         (B,) the sum of the rewards times the time step in each robot's last whole episode; NaN
         before. An environment without ``dt`` has time steps of 1.
@@ -76,6 +80,7 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
                 f"got {brief(space)}"
             )
         self.envs = envs
+        self.info: Any = {}
         self.earned = np.full(envs.num_envs, np.nan)
         self._dt = float(getattr(envs.unwrapped, "dt", 1.0))
         self._sum = np.zeros(envs.num_envs)  # in the present episodes
@@ -138,16 +143,13 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
     ) -> NDArray[np.float32]:
         """Begin episodes of the robots under ``mask``; return what all observe."""
         given = (options or {}) | {"reset_mask": mask.copy()}
-        observations, info = self.envs.reset(seed=seed, options=given)  # type: ignore[arg-type]
+        observations, self.info = self.envs.reset(seed=seed, options=given)  # type: ignore[arg-type]
         self._has_begun = True
         self._sum[mask] = 0.0
-        entries = self._entries(info)
-        self._begun(mask, entries)
-        table = Table(entries)
-        everyone = bool(mask.all())
-        for i in np.flatnonzero(mask).tolist():
-            # Of a few, for none of them to keep the information of all.
-            self.reset_infos[i] = RobotInfo(table, i) if everyone else table.row(i)
+        self._begun(mask, self.info)
+        rows = np.flatnonzero(mask)
+        for robot, info in zip(rows.tolist(), info_of_each(self.info, rows), strict=True):
+            self.reset_infos[robot] = info
         return self._of_space(self._observe(observations))
 
     def _begun(self, mask: Flags, info: dict[str, Any]) -> None:
@@ -170,28 +172,22 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         self._sum += rewards * self._dt
         observations = self._of_space(self._observe(raw))
         done = terminated | truncated
-        entries = self._entries(info) | {"TimeLimit.truncated": truncated & ~terminated}
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": False} for _ in range(self.num_envs)]
         if done.any():
-            entries |= {"terminal_observation": observations, "_terminal_observation": done}
+            rows = np.flatnonzero(done)
+            cut_off = (truncated & ~terminated)[rows].tolist()
+            last = observations[rows]
+            for i, entries in enumerate(info_of_each(info, rows)):
+                ends = {"TimeLimit.truncated": cut_off[i], "terminal_observation": last[i]}
+                infos[rows[i]] = entries | ends
             self.earned[done] = self._sum[done]
             observations = observations.copy()
             observations[done] = self._begin(done)[done]
-        infos = self._infos(Table(entries), done)
+        self.info = info
         return observations, rewards.astype(np.float32), done, infos
-
-    def _infos(self, table: Table, done: Flags) -> list[dict[str, Any]]:  # noqa: ARG002
-        """Return the information of each robot."""
-        return [RobotInfo(table, i) for i in range(self.num_envs)]
 
     def _of_space(self, observations: Any) -> NDArray[np.float32]:
         return np.asarray(observations, self.observation_space.dtype)
-
-    def _entries(self, info: Any) -> dict[str, Any]:
-        """Return the batch's information as it is now."""
-        if isinstance(info, list):
-            return joined(info)
-        # Its own is fresh in each step; a wrapper may change what it returned.
-        return dict(info) if isinstance(self.envs, AquaFishVectorEnv) else copied(info)
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return a frame of each robot, for ``render`` to tile, with ``"rgb_array"``."""
@@ -275,10 +271,45 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         ]
 
 
+def info_of_each(info: Any, rows: Rows) -> list[dict[str, Any]]:
+    """Return the information of the robots ``rows`` (n,), a dictionary for each.
+
+    ``info`` is that of a vector environment: arrays (B, ...) and such dictionaries by name, with a
+    mask (B,) under "_name" of the robots that have the entry; or a list of B dictionaries.
+
+    Examples
+    --------
+    >>> info = {"x": np.array([1.0, 2.0]), "late": np.array([3, 4]), "_late": np.array([0, 1])}
+    >>> info_of_each(info, np.array([0, 1]))
+    [{'x': 1.0}, {'x': 2.0, 'late': 4}]
+    """
+    if isinstance(info, list):
+        return [dict(info[i]) for i in rows.tolist()]
+    found: list[dict[str, Any]] = [{} for _ in range(len(rows))]
+    for name, values in info.items():
+        if name.startswith("_"):
+            continue
+        has_it = info.get(f"_{name}")
+        there = [True] * len(rows) if has_it is None else np.asarray(has_it)[rows].tolist()
+        for one, value, is_there in zip(found, _column(values, rows), there, strict=True):
+            if is_there:
+                one[name] = value
+    return found
+
+
+def _column(values: Any, rows: Rows) -> list[Any]:
+    """Return an entry of each of the robots ``rows``."""
+    if isinstance(values, dict):
+        return info_of_each(values, rows)
+    if not isinstance(values, np.ndarray) or not values.ndim:
+        return [values] * len(rows)  # of the whole batch
+    taken = values[rows]
+    return taken.tolist() if taken.ndim == 1 else list(taken)
+
+
 class LaneVecEnv(SB3VecEnv):
     """Robots of one task, from random poses, that observe a ``Controller``'s inputs.
 
-    ``step`` returns how episodes ended and no other information, which learning does not read.
     The ``count`` robots have the bodies (M, 9) in turn; M is at most ``count``. The clock is in Hz,
     and an action is held for ``interval`` steps of 0.01 s.
     """
@@ -312,14 +343,6 @@ class LaneVecEnv(SB3VecEnv):
         """Take the actions of the next step, and track the fins by dead reckoning."""
         super().step_async(actions)
         self._inputs.follow(actions)
-
-    def _infos(self, table: Table, done: Flags) -> list[dict[str, Any]]:
-        """Return how episodes ended, for the robots whose did: learning reads nothing else."""
-        names = ("TimeLimit.truncated", "terminal_observation")
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for i in np.flatnonzero(done).tolist():
-            infos[i] = {name: table.entry(name, i) for name in names}
-        return infos
 
     def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the inputs (B, I)."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import importlib
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,13 @@ from gymnasium.wrappers import vector as several
 from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import evaluate
-from gait.learning.sb3_infos import RobotInfo, Table
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
 
 ADAPTER = importlib.import_module("gait.learning.sb3_env")
 SHORT = {"max_episode_steps": 6}
+NOT_OVER = {"TimeLimit.truncated": False}
 STILL = "left_pectoral:seized; right_pectoral:seized; caudal:seized"
 
 
@@ -78,7 +77,15 @@ def test_a_batch_does_what_single_environments_do(options: Any) -> None:
             for a, b in zip(mine[:3], other[:3], strict=True):
                 np.testing.assert_array_equal(a, b)
                 assert a.dtype == b.dtype
-            same_infos(mine[3], other[3])
+            over = mine[2]
+            same_infos(mine[3], [other[3][i] if over[i] else NOT_OVER for i in range(3)])
+            each = [other[3][i] for i in np.flatnonzero(~over)]
+            for name, values in both[0].info.items():
+                if name[0] != "_":
+                    expected = [one[name] for one in each]
+                    np.testing.assert_array_equal(
+                        values[~over], np.reshape(expected, values[~over].shape)
+                    )
             same_infos(*(envs.reset_infos for envs in both))
             ends += int(mine[2].sum())
         assert ends == 6
@@ -97,51 +104,42 @@ def test_options_that_cannot_arrive_are_refused() -> None:
         envs.reset()
 
 
-def test_information_is_that_of_its_step_whenever_it_is_read() -> None:
+def test_information_is_plain_and_that_of_its_step_whenever_it_is_read() -> None:
     envs, kept = adapted(), []
     envs.seed(0)
     envs.reset()
-    for _ in range(8):
-        _, _, _, infos = envs.step(np.full((2, 3), 0.5, np.float32))
-        kept.append((infos[0], dict(infos[1])))
-    envs.seed(0)
-    envs.reset()
-    for late, early in kept:
-        _, _, _, infos = envs.step(np.full((2, 3), 0.5, np.float32))
-        same_infos([late, early], infos)
-
-
-def test_an_unread_information_is_a_dictionary_in_every_way() -> None:
-    whole = {"x": 2.0, "there": True}
-    table = {"x": np.array([1.0, 2.0]), "there": np.array([False, True]), "late": np.zeros(2)}
-    table["_late"] = np.zeros(2, np.bool_)
-
-    def fresh() -> RobotInfo:
-        return RobotInfo(Table(table), 1)
-
-    assert fresh() == whole
-    assert whole == fresh()
-    assert [fresh()] == [whole]
-    assert dict(fresh()) == {**fresh()} == ({} | fresh()) == (fresh() | {}) == whole
-    assert (len(fresh()), list(fresh()), "x" in fresh(), "y" in fresh()) == (
-        2,
-        [*whole],
+    for _ in range(13):
+        infos = envs.step(np.full((2, 3), 0.5, np.float32))[3]
+        kept.append((infos, copy.deepcopy(infos), envs.info["x_position"]))
+    assert [sorted(one[0]) == [*NOT_OVER] for one, _, _ in kept] == [
+        *[*[True] * 5, False] * 2,
         True,
-        False,
-    )
-    assert type(copy.deepcopy(fresh())) is type(pickle.loads(pickle.dumps(fresh()))) is dict
-    assert copy.deepcopy(fresh()) == copy.copy(fresh()) == fresh().copy() == whole
-    assert (fresh().get("x"), fresh().get("late", 3), fresh().get("y", 4)) == (2.0, 3, 4)
-    assert repr(fresh()) == repr(whole)
-    assert fresh().pop("x") == 2.0
-    target: dict[str, Any] = {}
-    target.update(fresh())
-    assert target == whole
-    info = fresh()
-    info["new"] = 1
-    assert info == whole | {"new": 1}
-    with pytest.raises(KeyError):
-        fresh()["late"]
+    ]
+    for infos, then, _ in kept:
+        assert [type(info) for info in infos] == [dict, dict]
+        same_infos(infos, then)
+    last = [then for _, then, _ in kept if "x_position" in then[0]]
+    assert [one[0]["x_position"] for one in last] == [kept[i][2][0] for i in (5, 11)]
+
+
+def test_an_entry_that_some_robots_lack_is_left_out() -> None:
+    info = {
+        "x": np.array([1.0, 2.0, 3.0]),
+        "there": np.array([False, True, True]),
+        "_there": np.array([False, True, False]),
+        "episode": {"r": np.array([0.5, 0.0, 1.5]), "l": np.array([3, 0, 4])},
+        "_episode": np.array([True, False, True]),
+        "fins": np.arange(9.0).reshape(3, 3),
+        "name": "all",
+    }
+    first, third = ADAPTER.info_of_each(info, np.array([0, 2]))
+    assert first.pop("fins").tolist() == [0.0, 1.0, 2.0]
+    assert third.pop("fins").tolist() == [6.0, 7.0, 8.0]
+    assert first == {"x": 1.0, "episode": {"r": 0.5, "l": 3}, "name": "all"}
+    assert third == {"x": 3.0, "episode": {"r": 1.5, "l": 4}, "name": "all"}
+    (second,) = ADAPTER.info_of_each(info, np.array([1]))
+    assert second.pop("fins").tolist() == [3.0, 4.0, 5.0]
+    assert second == {"x": 2.0, "there": True, "name": "all"}
 
 
 def test_what_was_given_is_stepped() -> None:
@@ -151,9 +149,9 @@ def test_what_was_given_is_stepped() -> None:
     )
     faulty.reset()
     for _ in range(4):
-        _, _, _, infos = faulty.step(np.full((2, 3), 1.0, np.float32))
-    assert [info["faults"] for info in infos] == [0, 1]
-    assert np.linalg.norm(infos[0]["fin_angles"] - infos[1]["fin_angles"]) > 1
+        faulty.step(np.full((2, 3), 1.0, np.float32))
+    assert faulty.info["faults"].tolist() == [0, 1]
+    assert np.linalg.norm(np.diff(faulty.info["fin_angles"], axis=0)) > 1
     faulty.set_options([{"damage": "action: dead"}, {}])
     faulty.reset()
     assert [info["faults"] for info in faulty.reset_infos] == [1, 1]
@@ -187,7 +185,10 @@ def test_what_was_given_is_stepped() -> None:
 
     listed = ADAPTER.SB3VecEnv(several.DictInfoToList(batch()))
     listed.reset()
-    assert "x_position" in listed.step(actions)[3][1]
+    infos = [listed.step(actions)[3][1] for _ in range(6)]
+    assert ["x_position" in info for info in infos] == [*[False] * 5, True]
+    assert "x_position" in listed.info[1]
+    assert VecMonitor(listed).info is listed.info
     assert listed.reset_infos[0]["faults"] == 0
 
 
@@ -208,7 +209,8 @@ def test_gymnasiums_own_batch_is_stepped_too() -> None:
         mine, other = (one.step(np.ones((2, 1), np.float32)) for one in both)
         for a, b in zip(mine[:3], other[:3], strict=True):
             np.testing.assert_array_equal(a, b)
-        assert mine[3][0].keys() == other[3][0].keys()
+        over = bool(mine[2][0])
+        assert mine[3][0].keys() == (other[3][0].keys() if over else NOT_OVER.keys())
     for one in both:
         one.set_attr("dt", 0.01, indices=[1])
         assert one.get_attr("dt") == [0.05, 0.01]
