@@ -10,7 +10,7 @@ import textwrap
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,15 +59,18 @@ class Export(Given):
 
     controller: Annotated[Positional[Path | None], arg(metavar="FILE")] = None
     """A controller.json, as evolve and baseline write it; or the .zip of a policy, as model.save of
-    stable-baselines3 writes it (needs the extra rl): dense layers of PPO, A2C, SAC or TD3."""
+    stable-baselines3 writes it: dense layers of PPO, A2C, TRPO, SAC, TQC, TD3 or DDPG."""
     c: Annotated[Path | None, arg(metavar="FILE.c")] = None
     """The C file of the controller or policy. Its name is the prefix of its functions: fish.c has
     fish_step."""
     model: Annotated[Path | None, arg(metavar="FILE.c")] = None
     """The model's C file, of the controller's body unless --morphology gives others."""
-    normalize: Annotated[Path | None, arg(metavar="FILE.npz")] = None
-    """VecNormalize's mean, var, epsilon and clip, by which the policy's observations were scaled;
-    see docs/howto/policy.md."""
+    normalize: Annotated[Literal["none"] | Path | None, arg(metavar="FILE.npz|none")] = None
+    """VecNormalize's mean, var, epsilon and clip, by which the policy's observations were scaled,
+    or none if it scaled rewards alone; see docs/howto/policy.md."""
+    activation: Annotated[str | None, arg(metavar="NAME")] = None
+    """Which of Tanh, ReLU, LeakyReLU, ELU and SiLU computes what the policy's own activation_fn
+    does, if it is not one of PyTorch."""
     morphology: BodiesFile = None
     reactive: bool = False
     """Whether the model's water also resists acceleration; see docs/physics.md."""
@@ -82,7 +85,7 @@ class Export(Given):
             )
         zipped = self.controller is not None and self.controller.suffix.lower() == ".zip"
         if not zipped:
-            self.refuse_given(["normalize"], "without the .zip of a policy")
+            self.refuse_given(["normalize", "activation"], "without the .zip of a policy")
         elif self.model is not None:
             raise InvalidArgumentError(
                 f"--model takes the body of a controller.json; a policy has none: {self.controller}"
@@ -100,7 +103,7 @@ class Export(Given):
             found = Controller.load(self.controller)
         if self.controller is not None and self.c is not None:
             made.append(
-                policy_file(read_policy(self.controller, self.normalize), self.c)
+                policy_file(read_policy(self.controller, self.normalize, self.activation), self.c)
                 if found is None
                 else controller_file(found, self.c)
             )

@@ -18,19 +18,19 @@ from gait.controllers.c_files import (
     source_and_header,
     wrapped,
 )
-from gait.controllers.sb3_policy import CHOSEN, CLIPPED, SQUASHED, Floats, SB3Policy
+from gait.controllers.sb3_policy import (
+    ACTIVATIONS,
+    CHOSEN,
+    CLIPPED,
+    SQUASHED,
+    Floats,
+    SB3Policy,
+)
 
 VECTOR_COUNT = 1000
 VECTOR_SPREAD = 3.0  # standard deviation of the observations, as the network sees them
 
-# An activation in C: the value of a node from z.
-_NODES = {
-    "Tanh": "NAME_tanh(z)",
-    "ReLU": "z < 0.0f ? 0.0f : z",
-    "LeakyReLU": "z < 0.0f ? 0.01f * z : z",
-    "ELU": "NAME_elu(z)",
-    "SiLU": "z * (0.5f + 0.5f * NAME_tanh(0.5f * z))",
-}
+_BY_TANH = ("Tanh", "ELU", "SiLU")  # activations that policy.c computes from tanh
 
 
 def policy_file(policy: SB3Policy, path: Path | str) -> CFile:
@@ -58,22 +58,12 @@ def policy_texts(policy: SB3Policy, name: str) -> tuple[str, str]:
     chosen = policy.output == CHOSEN
     scaled = policy.normalization
     limited = scaled is not None and bool(np.isfinite(scaled.limit))
-    value = "observation[i]"
-    if scaled is not None:
-        value = "(observation[i] - NAME_mean[i]) / NAME_scale[i]"
-    if scaled is not None and limited:
-        value = f"NAME_clip({value}, {c_float(scaled.limit)})"
-    hidden = len(policy.layers) > 1
-    node = _NODES[policy.activation] if hidden else "z"
-    if hidden:
-        choice = node if "?" not in node else f"({node})"
-        node = f"layer < NAME_layers - 1 ? {choice} : z"
     numbers = [np.column_stack([layer.biases, layer.weights]).ravel() for layer in policy.layers]
     answers = 1 if chosen else widths[-1]
     inner = "".join(f"{width} ({policy.activation}), " for width in widths[1:-1])
     described = f"Dense layers of {inner}{widths[-1]} ({policy.output})."
-    tanh = policy.output == SQUASHED or (hidden and "tanh" in _NODES[policy.activation] + node)
-    elu = hidden and policy.activation == "ELU"
+    hidden = len(policy.layers) > 1
+    tanh = policy.output == SQUASHED or (hidden and policy.activation in _BY_TANH)
     values = {
         "KIND": policy.kind,
         "DESCRIPTION": "\n * ".join(textwrap.wrap(described, 97)),
@@ -86,12 +76,10 @@ def policy_texts(policy: SB3Policy, name: str) -> tuple[str, str]:
         "SCALED": "" if scaled is None else ", before VecNormalize",
         "MEAN": "" if scaled is None else c_floats(scaled.mean),
         "SCALE": "" if scaled is None else c_floats(scaled.scale),
-        "WITHIN": f", within {scaled.limit:g} of 0" if scaled is not None and limited else "",
+        "LIMIT": "" if scaled is None else c_float(scaled.limit),
+        "WITHIN": "" if scaled is None or not limited else f", within {scaled.limit:g} of 0",
         "LOW": c_floats(policy.low),
         "HIGH": c_floats(policy.high),
-        "FIRST_CHOICE": policy.first,
-        "INPUT": value,
-        "NODE": node,
         "TYPE": "float",
         "FORMAT": "%f",
         "COLUMNS": widths[0] + answers,
@@ -102,12 +90,16 @@ def policy_texts(policy: SB3Policy, name: str) -> tuple[str, str]:
         "choice": chosen,
         "clipped": policy.output == CLIPPED,
         "squashed": policy.output == SQUASHED,
+        "raw": scaled is None,
         "normalized": scaled is not None,
-        "clip": tanh or elu or limited,
-        "tanh": tanh or elu,
-        "elu": elu,
+        "limited": limited,
+        "clip": tanh or limited,
+        "tanh": tanh,
+        "hidden": hidden,
+        "single": not hidden,
         "double": False,
     }
+    parts |= {one: hidden and one == policy.activation for one in ACTIVATIONS}
     return source_and_header("policy", name, values, parts)
 
 

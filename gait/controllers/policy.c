@@ -39,12 +39,28 @@ const float NAME_high[NAME_actions] = {$HIGH};
 //.
 
 //+ arithmetic.c
-//? elu
-/* e^z - 1 where z < 0, else z. */
-static float NAME_elu(float z)
+//? hidden
+/* The activation of a node between observation and outputs. */
+static float NAME_activation(float z)
 {
+//.
+//? Tanh
+    return NAME_tanh(z);
+//.
+//? ReLU
+    return z < 0.0f ? 0.0f : z;
+//.
+//? LeakyReLU
+    return z < 0.0f ? 0.01f * z : z;
+//.
+//? ELU
     const float t = NAME_tanh(z < 0.0f ? 0.5f * z : 0.0f);
     return z < 0.0f ? 2.0f * t / (1.0f - t) : z;
+//.
+//? SiLU
+    return z * (0.5f + 0.5f * NAME_tanh(0.5f * z));
+//.
+//? hidden
 }
 
 //.
@@ -53,13 +69,27 @@ static const float *NAME_outputs(const float observation[NAME_inputs], float *va
 {
     const float *number = NAME_numbers;
     for (int i = 0; i < NAME_inputs; i++)
-        values[i] = $INPUT;
+//? raw
+        values[i] = observation[i];
+//.
+//? normalized
+        values[i] = (observation[i] - NAME_mean[i]) / NAME_scale[i];
+//.
+//? limited
+    for (int i = 0; i < NAME_inputs; i++)
+        values[i] = NAME_clip(values[i], $LIMIT);
+//.
     for (int layer = 0; layer < NAME_layers; layer++) {
         for (int node = 0; node < NAME_width[layer + 1]; node++) {
             float z = *number++;
             for (int k = 0; k < NAME_width[layer]; k++)
                 z = z + *number++ * values[k];
-            next[node] = $NODE;
+//? hidden
+            next[node] = layer < NAME_layers - 1 ? NAME_activation(z) : z;
+//.
+//? single
+            next[node] = z;
+//.
         }
         float *const done = next;
         next = values;
@@ -96,7 +126,7 @@ int NAME_act(const float observation[NAME_inputs])
     for (int i = 1; i < NAME_actions; i++)
         if (output[i] > output[best])
             best = i;
-    return best + $FIRST_CHOICE;
+    return best;
 }
 //.
 

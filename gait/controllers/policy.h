@@ -15,7 +15,7 @@
  *     int action = NAME_act(observation);
  *
  * observation  $INPUTS numbers, as the environment returns them: flattened by rows$SCALED.
- * action       one of $ACTIONS choices, from $FIRST_CHOICE on.
+ * action       one of $ACTIONS choices, from 0 on, as model.predict returns it.
 //.
  *
  * The action is the policy's own, without exploration. A NaN in the observation is not held back.

@@ -77,8 +77,6 @@ class SB3Policy:
         What becomes of the outputs: ``CLIPPED``, ``SQUASHED`` or ``CHOSEN``.
     low, high
         Bounds (m,) of the actions; empty for ``CHOSEN``.
-    first
-        Number of the first choice.
     normalization
         None where the observations are not scaled.
     """
@@ -89,7 +87,6 @@ class SB3Policy:
     output: str
     low: Floats
     high: Floats
-    first: int
     normalization: Normalization | None
 
     @property
@@ -125,7 +122,7 @@ class SB3Policy:
                 last = layer is self.layers[-1]
                 values = total if last else ACTIVATIONS[self.activation](total)
         if self.output == CHOSEN:
-            values = self.first + values.argmax(axis=1, keepdims=True)
+            values = values.argmax(axis=1, keepdims=True)
         elif self.output == SQUASHED:
             values = self.low + np.float32(0.5) * (tanh(values) + 1) * (self.high - self.low)
         else:

@@ -1,35 +1,26 @@
 """Read policies of stable-baselines3 from its zip files, without loading a pickle of theirs.
 
-A file of ``model.save`` has the weights in ``policy.pth``, which PyTorch reads with
-``weights_only=True``, and the rest in ``data``: JSON with base64 pickles, and their plain text
-beside them. Of ``data``, only the plain text is read.
+A file of ``model.save`` has the weights in ``policy.pth`` (see ``torch_file.py``), and the rest in
+``data``: JSON with base64 pickles, and their plain text beside them. Of ``data``, only the plain
+text is read.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from itertools import count, takewhile
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from aquafish_gym.runs.arrays import read_arrays
 from aquafish_gym.utils.storage import MAXIMUM_DOCUMENT_BYTES, open_regular
-from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
-    MissingExtraError,
-    brief,
-    install_advice,
-    one_of,
-    parse_json,
-)
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, one_of, parse_json
 from gait.controllers.sb3_policy import (
     ACTIVATIONS,
     CHOSEN,
@@ -40,64 +31,78 @@ from gait.controllers.sb3_policy import (
     Normalization,
     SB3Policy,
 )
+from gait.controllers.torch_file import TorchFile, open_torch_file
 
-MOST_BYTES = 256 * 2**20  # of a policy's file, and of what it holds
-MOST_NUMBERS = 10**6  # weights or biases of a layer
+MOST_BYTES = 128 * 2**20  # of a policy's file, and of what it holds
+MOST_NUMBERS = 2 * 10**6  # weights and biases of all layers
+MOST_NODES = 2**14  # entries of an observation, or outputs of a layer
+LARGEST_SCALED_BOUND = 1e38  # float32 holds the difference of two such
 
-# Keywords of a policy that do not change what it does without noise.
-_HARMLESS = (
-    "activation_fn", "clip_mean", "features_extractor_class", "features_extractor_kwargs",
-    "full_std", "log_std_init", "n_critics", "net_arch", "normalize_images", "optimizer_class",
-    "optimizer_kwargs", "ortho_init", "share_features_extractor", "squash_output", "use_expln",
-    "use_sde",
+# Keywords of a policy that do not change what it does without noise, or that are read.
+_KEYWORDS = (
+    "activation_fn", "clip_mean", "device", "features_extractor_class",
+    "features_extractor_kwargs", "full_std", "log_std_init", "n_critics", "n_quantiles",
+    "net_arch", "normalize_images", "optimizer_class", "optimizer_kwargs", "ortho_init",
+    "sde_net_arch", "share_features_extractor", "squash_output", "use_expln", "use_sde",
 )  # fmt: skip
 
-_FLATTEN = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+_POLICIES = re.compile(r"stable_baselines3\..+|sb3_contrib\.tqc\.policies")
+_FLATTEN = re.compile(r"<class 'stable_baselines3\.common\.\w+\.FlattenExtractor'>")
+_ACTIVATION = re.compile(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>")
+_SPACE = re.compile(r"<class '(?:gymnasium|gym)\.spaces\.\w+\.(\w+)'>")
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """Where an algorithm's ``policy.pth`` has its actor."""
+    """Where the ``policy.pth`` of some algorithms has the actor."""
 
     name: str
-    hidden: str  # of the hidden layers, followed by 0, 2, 4: the activations are between
+    hidden: tuple[str, ...]  # each followed by 0, 2, 4: the activations are between
     last: str
     others: tuple[str, ...]  # what is there besides the actor
     activation: str  # by default
 
 
+_ON_POLICY = _Kind(
+    "PPO, A2C or TRPO", ("mlp_extractor.shared_net", "mlp_extractor.policy_net"), "action_net",
+    ("mlp_extractor.value_net", "value_net", "log_std", "sde_features_extractor"), "Tanh",
+)  # fmt: skip
 KINDS = (
+    _ON_POLICY,
     _Kind(
-        "PPO or A2C", "mlp_extractor.policy_net", "action_net",
-        ("mlp_extractor.value_net", "value_net", "log_std"), "Tanh",
+        "SAC or TQC", ("actor.latent_pi",), "actor.mu",
+        ("actor.log_std", "critic", "critic_target"), "ReLU",
     ),
-    _Kind(
-        "SAC", "actor.latent_pi", "actor.mu", ("actor.log_std", "critic", "critic_target"), "ReLU"
-    ),
-    _Kind("TD3", "actor.mu", "", ("actor_target", "critic", "critic_target"), "ReLU"),
+    _Kind("TD3 or DDPG", ("actor.mu",), "", ("actor_target", "critic", "critic_target"), "ReLU"),
 )  # fmt: skip
 
 
-def read_policy(path: Path, normalize: Path | None = None) -> SB3Policy:
+def read_policy(
+    path: Path,
+    normalize: Path | Literal["none"] | None = None,
+    activation: str | None = None,
+) -> SB3Policy:
     """Read the file of ``model.save``, and the numbers of VecNormalize.
 
     Parameters
     ----------
     path
-        The zip file.
+        The zip file, of any version since 2020.
     normalize
         An npz file with VecNormalize's ``mean`` and ``var`` of the shape of the observation,
-        and its ``epsilon`` and ``clip``. Its own file is a pickle, which is never loaded.
+        and its ``epsilon`` and ``clip``. Its own file is a pickle, which is never loaded. "none"
+        if it scaled rewards alone.
+    activation
+        The key of ``ACTIVATIONS`` that computes what an ``activation_fn`` of the user's own does.
 
     Raises
     ------
     InvalidArgumentError
-        If the policy is none of dense layers; the message names the layer or the setting.
-    MissingExtraError
-        If PyTorch is not installed.
+        If the policy is none of dense layers, if its action can exceed float32, or if an argument
+        must say what the file does not; the message names the layer, setting or argument.
     """
     data, weights = _read_zip(path)
-    if data.get("use_sde") and "actor.mu.0.weight" in weights:
+    if data.get("use_sde") and "actor.mu.0.weight" in weights.tensors:
         raise InvalidArgumentError(
             "actor.mu must be a dense layer; with use_sde, SAC clips its outputs by a Hardtanh, "
             "which is not exported"
@@ -111,49 +116,30 @@ def read_policy(path: Path, normalize: Path | None = None) -> SB3Policy:
             f"{layers[0].name} must have {entries} inputs, the entries of the observation; it has "
             f"{layers[0].weights.shape[1]}"
         )
-    output, low, high, first = _action(data, kind, layers[-1])
-    scaled = None if normalize is None else _normalization(normalize, shape)
-    activation = kind.activation
-    if "activation_fn" in keywords:
-        text = str(keywords["activation_fn"])
-        named = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", text)
-        activation = one_of("activation_fn", named[1] if named else text, ACTIVATIONS)
-    return SB3Policy(kind.name, layers, activation, output, low, high, first, scaled)
+    squashed = kind is not _ON_POLICY or flag("squash_output", keywords.get("squash_output", False))
+    output, low, high = _action(data, kind, squashed, layers[-1])
+    scaled = _scaled(data, kind, normalize, shape)
+    found = _activation(keywords, kind, activation)
+    return SB3Policy(kind.name, layers, found, output, low, high, scaled)
 
 
-def _read_zip(path: Path) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Return the plain text of ``data``, and the tensors of ``policy.pth`` by name."""
-    try:
-        torch = import_module("torch")
-    except ImportError as error:
-        raise MissingExtraError(
-            f"a policy of stable-baselines3 is read by PyTorch, which is not installed here "
-            f"({error}): {install_advice('rl')}"
-        ) from None
+def _read_zip(path: Path) -> tuple[Mapping[str, Any], TorchFile]:
+    """Return the plain text of ``data``, and the tensors of ``policy.pth``."""
     named = f"controller: {path}"
     try:
         with open_regular(path, "controller", MOST_BYTES) as file, zipfile.ZipFile(file) as whole:
             text = _member(whole, "data", MAXIMUM_DOCUMENT_BYTES)
-            content = _member(whole, "policy.pth", MOST_BYTES)
-        with zipfile.ZipFile(io.BytesIO(content)) as inner:
-            if sum(member.file_size for member in inner.infolist()) > MOST_BYTES:
-                raise ValueError(f"policy.pth holds more than {MOST_BYTES} bytes")
-        weights = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+            weights = open_torch_file(_member(whole, "policy.pth", MOST_BYTES), MOST_BYTES)
     except InvalidArgumentError:
         raise
-    except Exception as error:  # zipfile and PyTorch raise a dozen kinds of errors
-        reason = str(error).partition("\n")[0]
+    except Exception as error:  # a damaged file raises a dozen kinds of errors
         raise InvalidArgumentError(
             f"{named} must be a file of stable-baselines3, by model.save: a zip with data and "
-            f"policy.pth, which torch.load reads with weights_only=True; {brief(reason)}"
+            f"policy.pth, a dictionary of tensors; {brief(str(error))}"
         ) from None
     data = parse_json(f"{named}: data", text)
-    if not (
-        isinstance(data, dict)
-        and isinstance(weights, dict)
-        and all(isinstance(name, str) for name in weights)
-    ):
-        raise InvalidArgumentError(f"{named} must hold settings and weights by name; it does not")
+    if not isinstance(data, dict):
+        raise InvalidArgumentError(f"{named} must hold settings by name; got {brief(data)}")
     return data, weights
 
 
@@ -163,83 +149,117 @@ def _member(archive: zipfile.ZipFile, name: str, most_bytes: int) -> bytes:
     return archive.read(name)
 
 
-def _actor(weights: Mapping[str, Any]) -> tuple[_Kind, tuple[Layer, ...]]:
+def _actor(weights: TorchFile) -> tuple[_Kind, tuple[Layer, ...]]:
     """Return the algorithm and the layers of its actor; refuse what is no dense layer."""
-    kinds = [kind for kind in KINDS if f"{kind.last or kind.hidden + '.0'}.weight" in weights]
+    tensors = weights.tensors
+    kinds = [kind for kind in KINDS if f"{kind.last or kind.hidden[0] + '.0'}.weight" in tensors]
     if not kinds:
         raise InvalidArgumentError(
-            f"the policy must be one of {', '.join(kind.name for kind in KINDS)}, of dense layers; "
-            f"it has {brief(', '.join(map(str, weights)))}"
+            f"the policy must be one of {'; '.join(kind.name for kind in KINDS)}, of dense "
+            f"layers; it has {brief(', '.join(tensors))}"
         )
-    (kind,) = kinds
-    places = (f"{kind.hidden}.{i}" for i in count(step=2))
-    names = list(takewhile(lambda name: f"{name}.weight" in weights, places))
-    names += [kind.last] * bool(kind.last)
-    known = {f"{name}.{part}" for name in names for part in ("weight", "bias")}
-    for name in weights:
-        if name not in known and not any(
-            name == other or name.startswith(f"{other}.") for other in kind.others
-        ):
+    kind = kinds[0]
+    names = list(_layer_names(kind, weights))
+    parts = [f"{name}.{part}" for name in names for part in ("weight", "bias")]
+    for name in tensors.keys() - set(parts):
+        if not any(name == other or name.startswith(f"{other}.") for other in kind.others):
             raise InvalidArgumentError(
                 f"{name} is no dense layer of {kind.name} between observation and action, and "
                 f"cannot be exported; those are {', '.join(names)}"
             )
-    layers = tuple(
-        Layer(name, *(_tensor(weights, f"{name}.{part}") for part in ("weight", "bias")))
-        for name in names
-    )
-    sources = None
-    for layer in layers:
+    numbers = sum(tensors[part].size for part in parts if part in tensors)
+    if numbers > MOST_NUMBERS:
+        raise InvalidArgumentError(
+            f"the layers must have at most {MOST_NUMBERS} weights and biases; they have {numbers}"
+        )
+    layers: list[Layer] = []
+    for name in names:
+        layer = Layer(name, weights.array(f"{name}.weight"), weights.array(f"{name}.bias"))
         shape = (*layer.biases.shape, *layer.weights.shape[1:])
         if layer.weights.ndim != 2 or layer.weights.shape != shape or not layer.weights.size:
             raise InvalidArgumentError(
-                f"{layer.name} must have weights (out, in) and biases (out,), as a dense layer; "
+                f"{name} must have weights (out, in) and biases (out,), as a dense layer; "
                 f"got {layer.weights.shape} and {layer.biases.shape}"
             )
-        if sources is not None and layer.weights.shape[1] != sources:
+        if max(shape) > MOST_NODES:
             raise InvalidArgumentError(
-                f"{layer.name} must have {sources} inputs, the outputs of the layer before; got "
-                f"{layer.weights.shape[1]}"
+                f"{name} must have at most {MOST_NODES} inputs and outputs; it has {shape}"
             )
-        sources = len(layer.biases)
-    return kind, layers
+        if layers and shape[1] != len(layers[-1].biases):
+            raise InvalidArgumentError(
+                f"{name} must have {len(layers[-1].biases)} inputs, the outputs of the layer "
+                f"before; got {shape[1]}"
+            )
+        layers.append(layer)
+    return kind, tuple(layers)
 
 
-def _tensor(weights: Mapping[str, Any], name: str) -> Floats:
-    """Return a tensor of finite float32."""
-    found = weights.get(name)
-    kind = " ".join(str(getattr(found, part, None)) for part in ("dtype", "layout", "device"))
-    if found is None or kind != "torch.float32 torch.strided cpu":
-        raise InvalidArgumentError(f"{name} must be a tensor of float32; got {kind}")
-    if found.numel() > MOST_NUMBERS:
-        raise InvalidArgumentError(
-            f"{name} must have at most {MOST_NUMBERS} numbers; it has {found.numel()}"
-        )
-    array: Floats = found.detach().contiguous().numpy()
-    if not np.isfinite(array).all():
-        raise InvalidArgumentError(f"{name} must be finite; it is not")
-    return array
+def _layer_names(kind: _Kind, weights: TorchFile) -> Iterator[str]:
+    for hidden in kind.hidden:
+        for i in count(step=2):
+            if f"{hidden}.{i}.weight" not in weights.tensors:
+                break
+            yield f"{hidden}.{i}"
+    if kind.last:
+        yield kind.last
 
 
 def _keywords(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the policy's keywords; refuse those that put something else than dense layers."""
-    whole = _plain(data, "policy_class")
-    module = str(whole.get("__module__"))
-    if not module.startswith("stable_baselines3."):
+    module = str(_plain(data, "policy_class").get("__module__"))
+    if not _POLICIES.fullmatch(module):
         raise InvalidArgumentError(
             f"policy_class must be one of stable_baselines3; it is of {brief(module)}"
         )
     keywords = _plain(data, "policy_kwargs")
     for name in keywords:
-        one_of("policy_kwargs", name, _HARMLESS)
-    if keywords.get("squash_output"):
-        raise InvalidArgumentError("squash_output must be False with PPO and A2C; got True")
-    extractor = keywords.get("features_extractor_class", _FLATTEN)
-    if extractor != _FLATTEN:
+        one_of("policy_kwargs", name, _KEYWORDS)
+    extractor = keywords.get("features_extractor_class")
+    if extractor is not None and not _FLATTEN.fullmatch(str(extractor)):
         raise InvalidArgumentError(
             f"features_extractor_class must be FlattenExtractor; got {brief(extractor)}"
         )
     return keywords
+
+
+def _activation(keywords: Mapping[str, Any], kind: _Kind, given: str | None) -> str:
+    """Return the activation of a policy; ``given`` stands for one that is not PyTorch's."""
+    if given is not None:
+        one_of("activation", given, ACTIVATIONS)
+    found: str = kind.activation
+    if "activation_fn" in keywords:
+        text = str(keywords["activation_fn"])
+        named = _ACTIVATION.fullmatch(text)
+        if not named and given is None:
+            raise InvalidArgumentError(
+                f"activation must be one of {', '.join(ACTIVATIONS)}, the one that computes what "
+                f"the policy's own activation_fn does, {brief(text)}; got none"
+            )
+        found = one_of("activation_fn", named[1], ACTIVATIONS) if named else str(given)
+    if given not in (None, found):
+        raise InvalidArgumentError(f"activation must be {found}, as the policy's; got {given}")
+    return found
+
+
+def _scaled(
+    data: Mapping[str, Any],
+    kind: _Kind,
+    normalize: Path | Literal["none"] | None,
+    shape: tuple[int, ...],
+) -> Normalization | None:
+    """Return VecNormalize's numbers; ask for them where the policy shows that it was there."""
+    if normalize == "none":
+        return None
+    if normalize is not None:
+        return _normalization(normalize, shape)
+    # PPO, A2C and TRPO keep observations as they were before VecNormalize; the others always.
+    if kind is _ON_POLICY and data.get("_last_original_obs") is not None:
+        raise InvalidArgumentError(
+            "normalize must be an npz file of VecNormalize's mean, var, epsilon and clip, or none "
+            "if it scaled rewards alone: the policy was trained in it, and these are not in the "
+            "policy's file; got nothing"
+        )
+    return None
 
 
 def _plain(data: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -257,16 +277,15 @@ def _space(
 ) -> tuple[str, dict[str, Any]]:
     """Return the class of a space, one of ``kinds``, and its attributes as text."""
     found = _plain(data, name)
-    of = re.fullmatch(
-        r"<class '(?:gymnasium|gym)\.spaces\.\w+\.(\w+)'>", str(data[name].get(":type:"))
-    )
-    return one_of(f"the class of {name}", of[1] if of else data[name].get(":type:"), kinds), found
+    text = data[name].get(":type:")
+    of = _SPACE.fullmatch(str(text))
+    return one_of(f"the class of {name}", of[1] if of else text, kinds), found
 
 
 def _observation_shape(data: Mapping[str, Any]) -> tuple[int, ...]:
     """Return the shape of the observation, of real numbers that no one scales or encodes."""
     _, space = _space(data, "observation_space", ("Box",))
-    shape = space.get("_shape")
+    shape = space.get("_shape", space.get("shape"))  # the latter before gym 0.21
     if not isinstance(shape, list) or not all(type(n) is int and n > 0 for n in shape) or not shape:
         raise InvalidArgumentError(f"observation_space must have a shape; got {brief(shape)}")
     if space.get("dtype") == "uint8" and len(shape) == 3:
@@ -274,28 +293,33 @@ def _observation_shape(data: Mapping[str, Any]) -> tuple[int, ...]:
     return tuple(shape)
 
 
-def _action(data: Mapping[str, Any], kind: _Kind, last: Layer) -> tuple[str, Floats, Floats, int]:
-    """Return what becomes of the outputs, the bounds, and the first choice's number."""
+def _action(
+    data: Mapping[str, Any], kind: _Kind, squashed: bool, last: Layer
+) -> tuple[str, Floats, Floats]:
+    """Return what becomes of the outputs, and the bounds of the action."""
     of, space = _space(data, "action_space", ("Box", "Discrete"))
     outputs = len(last.biases)
     if of == "Discrete":
-        if kind is not KINDS[0]:
+        if kind is not _ON_POLICY:
             raise InvalidArgumentError(f"action_space must be a Box with {kind.name}; got Discrete")
         if str(space.get("n")) != str(outputs):
             raise InvalidArgumentError(
                 f"{last.name} must have {space.get('n')} outputs, the choices of action_space; it "
                 f"has {outputs}"
             )
-        first = re.fullmatch(r"-?\d{1,9}", str(space.get("start", 0)))
-        if first is None:
-            raise InvalidArgumentError(
-                f"action_space's start must be a whole number; got {brief(space['start'])}"
-            )
-        return CHOSEN, np.empty(0, np.float32), np.empty(0, np.float32), int(first[0])
+        return CHOSEN, np.empty(0, np.float32), np.empty(0, np.float32)
     low, high = (_bounds(space, name, outputs, last.name) for name in ("low", "high"))
     if not (low < high).all():
         raise InvalidArgumentError("action_space must have each bound low below high; it has not")
-    return CLIPPED if kind is KINDS[0] else SQUASHED, low, high, 0
+    if not squashed:
+        return CLIPPED, low, high
+    largest = max(np.abs(low).max(), np.abs(high).max())
+    if largest > LARGEST_SCALED_BOUND:
+        raise InvalidArgumentError(
+            f"action_space must have bounds within {LARGEST_SCALED_BOUND:g} of 0, because "
+            f"{kind.name} scales its outputs to them; got {largest:g}"
+        )
+    return SQUASHED, low, high
 
 
 def _bounds(space: Mapping[str, Any], name: str, count: int, layer: str) -> Floats:

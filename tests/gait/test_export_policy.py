@@ -8,6 +8,8 @@ import json
 import pickle
 import shlex
 import subprocess
+import sys
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,15 +24,17 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
 from gait.controllers import export_policy
 from gait.controllers.export_policy import policy_file
+from gait.controllers.sb3_policy import SQUASHED
 from gait.controllers.sb3_zip import read_policy
 from test_export import CC, LIMITS_OF_AVR, STRICT, build, needs_cc
 
 sb3 = pytest.importorskip("stable_baselines3")
+contrib = pytest.importorskip("sb3_contrib")
 torch = pytest.importorskip("torch")
 vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
 
-CONTINUOUS = ("PPO", "A2C", "SAC", "TD3")
-DISCRETE = ("PPO", "A2C")
+CONTINUOUS = ("PPO", "SAC", "TD3", "A2C", "TQC", "DDPG", "TRPO")
+DISCRETE = ("PPO", "A2C", "TRPO")
 ENVIRONMENTS = {
     "Pendulum-v1": CONTINUOUS,
     "MountainCarContinuous-v0": CONTINUOUS,
@@ -45,11 +49,11 @@ ACTIVATIONS = ("Tanh", "ReLU", "LeakyReLU", "ELU", "SiLU")
 def make_model(algorithm: str, env: Any, seed: int, **keywords: Any) -> Any:
     """Return a policy with random weights, whose outputs have the size of 1."""
     sizes: dict[str, Any] = {"n_steps": 4}
-    if algorithm == "PPO":
+    if algorithm in ("PPO", "TRPO"):
         sizes["batch_size"] = 4
-    if algorithm in ("SAC", "TD3"):
+    if algorithm in ("SAC", "TQC", "TD3", "DDPG"):
         sizes = {"buffer_size": 1}
-    model = getattr(sb3, algorithm)(
+    model = getattr(contrib if algorithm in ("TQC", "TRPO") else sb3, algorithm)(
         "MlpPolicy", env, device="cpu", seed=seed, policy_kwargs=keywords, **sizes
     )
     generator = torch.Generator().manual_seed(seed)
@@ -245,14 +249,16 @@ def test_no_pickle_is_loaded(pendulum: Path, tmp_path: Path) -> None:
     assert not sprung.exists()
 
 
-def changed(path: Path, into: Path, change: Callable[[Any, Any], object]) -> Path:
-    """Return a copy of a policy with other settings and weights."""
+def changed(
+    path: Path, into: Path, change: Callable[[Any, Any], object], zipped: bool = True
+) -> Path:
+    """Return a copy with other settings and weights, these zipped or as PyTorch did before 1.6."""
     with zipfile.ZipFile(path) as archive:
         data = json.loads(archive.read("data"))
         weights = torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)
     change(data, weights)
     content = io.BytesIO()
-    torch.save(weights, content)
+    torch.save(weights, content, _use_new_zipfile_serialization=zipped)
     half = rewritten(path, "data", json.dumps(data).encode(), into.with_suffix(".half"))
     return rewritten(half, "policy.pth", content.getvalue(), into)
 
@@ -275,16 +281,17 @@ def _setting(entry: str, **values: Any) -> Callable[[Any, Any], object]:
         (_named("mlp_extractor.policy_net.0.weight", (4, 3, 1, 1)), r"policy_net\.0 must have"),
         (_named("mlp_extractor.policy_net.0.weight", (4, 2)), r"policy_net\.0 must have 3 inputs"),
         (_named("action_net.weight", (1, 5)), "action_net must have 4 inputs"),
-        (lambda _, w: w.pop("action_net.weight"), "the policy must be one of PPO or A2C, SAC, TD3"),
+        (lambda _, w: w.pop("action_net.weight"), "the policy must be one of PPO, A2C or TRPO;"),
         (lambda _, w: w.pop("action_net.bias"), "action_net.bias must be a tensor of float32"),
         (lambda _, w: w["action_net.bias"].fill_(np.nan), "action_net.bias must be finite"),
         (lambda _, w: w.update({"action_net.bias": w["action_net.bias"].double()}), "float32"),
         (_setting("policy_kwargs", activation_fn="<class 'torch.nn.modules.activation.GELU'>"),
          "activation_fn must be one of Tanh, ReLU, LeakyReLU, ELU, SiLU; got 'GELU'"),
-        (_setting("policy_kwargs", activation_fn="<class '__main__.Tanh'>"), "activation_fn must"),
+        (_setting("policy_kwargs", activation_fn="<class '__main__.Tanh'>"),
+         "activation must be one of Tanh, .* own activation_fn does, .*__main__.Tanh.*; got none"),
         (_setting("policy_kwargs", features_extractor_class="<class 'Mine'>"), "FlattenExtractor"),
         (_setting("policy_kwargs", dropout=0.5), "policy_kwargs must be one of"),
-        (_setting("policy_kwargs", squash_output=True), "squash_output must be False"),
+        (_setting("policy_kwargs", squash_output="?"), "squash_output must be True or False"),
         (_setting("policy_class", __module__="sb3_contrib.common"), "policy_class must be one of"),
         (_setting("observation_space", **{":type:": "<class 'gymnasium.spaces.dict.Dict'>"}),
          "the class of observation_space must be one of Box; got 'Dict'"),
@@ -306,7 +313,7 @@ def test_what_is_no_policy_of_dense_layers_is_refused_by_name(
     ("algorithm", "policy", "keywords", "sentence"),
     [
         ("SAC", "MlpPolicy", {"use_sde": True}, "actor.mu must be a dense layer; with use_sde"),
-        ("DQN", "MlpPolicy", {}, "the policy must be one of PPO or A2C, SAC, TD3, of dense"),
+        ("DQN", "MlpPolicy", {}, "the policy must be one of PPO, A2C or TRPO; SAC or TQC; TD3"),
     ],
 )  # fmt: skip
 def test_other_algorithms_are_refused(
@@ -325,6 +332,184 @@ def test_the_means_of_exploration_by_state_are_exported(tmp_path: Path) -> None:
     seen = np.random.default_rng(0).standard_normal((20, 3)).astype(np.float32)
     expected, _ = model.predict(seen, deterministic=True)
     np.testing.assert_allclose(read_policy(tmp_path / "policy.zip").act(seen), expected, atol=1e-5)
+
+
+def as_before_gym_0_21(data: Any, _: Any) -> None:
+    """Name things as the files of 2020 do."""
+    for name in ("observation_space", "action_space"):
+        space = data[name]
+        space[":type:"] = space[":type:"].replace("gymnasium", "gym")
+        space["shape"] = space.pop("_shape")
+    data["policy_kwargs"].update(device="cpu", use_sde=False)
+
+
+def as_shared(_: Any, weights: Any) -> None:
+    """Name hidden layers as those that actor and critic shared until version 1.8."""
+    for name in list(weights):
+        if name.startswith("mlp_extractor.policy_net"):
+            weights[name.replace("policy_net", "shared_net")] = weights.pop(name)
+        elif name.startswith("mlp_extractor.value_net"):
+            del weights[name]
+
+
+def as_half_shared(_: Any, weights: Any) -> None:
+    """Share the first hidden layer, and number the second from 0."""
+    for part in ("weight", "bias"):
+        first = weights.pop(f"mlp_extractor.policy_net.0.{part}")
+        weights[f"mlp_extractor.policy_net.0.{part}"] = weights.pop(
+            f"mlp_extractor.policy_net.2.{part}"
+        )
+        weights[f"mlp_extractor.shared_net.0.{part}"] = first
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+@pytest.mark.parametrize("change", [as_before_gym_0_21, as_shared, as_half_shared])
+def test_files_of_older_versions_are_read(
+    change: Callable[[Any, Any], object], zipped: bool, tmp_path: Path
+) -> None:
+    make_model("PPO", "Pendulum-v1", 0, net_arch=[5, 4]).save(tmp_path / "new.zip")
+    new = read_policy(tmp_path / "new.zip")
+    path = changed(tmp_path / "new.zip", tmp_path / "old.zip", change, zipped)
+    old = read_policy(path)
+    assert old.widths == new.widths == (3, 5, 4, 1)
+    seen = np.random.default_rng(0).standard_normal((20, 3)).astype(np.float32)
+    assert np.array_equal(old.act(seen), new.act(seen))
+
+
+def test_a_policy_is_read_without_pytorch(pendulum: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    assert read_policy(pendulum).widths == (3, 4, 1)
+
+
+def test_outputs_that_a_setting_squashes_are_squashed(tmp_path: Path) -> None:
+    model = make_model("PPO", vec_env.DummyVecEnv([lambda: gym.make("Pendulum-v1")]), 0)
+    squashed = sb3.PPO(
+        "MlpPolicy", "Pendulum-v1", use_sde=True, device="cpu", n_steps=4, batch_size=4,
+        policy_kwargs={"squash_output": True},
+    )  # fmt: skip
+    squashed.policy.load_state_dict(
+        {**squashed.policy.state_dict(), **{
+            name: tensor for name, tensor in model.policy.state_dict().items() if name != "log_std"
+        }}
+    )  # fmt: skip
+    squashed.save(tmp_path / "policy.zip")
+    policy = read_policy(tmp_path / "policy.zip")
+    assert policy.output == SQUASHED
+    seen = np.random.default_rng(0).standard_normal((20, 3)).astype(np.float32)
+    expected, _ = squashed.predict(seen, deterministic=True)
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-5)
+
+
+class CountedFromOne(gym.Env[Any, Any]):
+    """An environment whose choices have numbers from 1 on, which Stable-Baselines3 ignores."""
+
+    observation_space = gym.spaces.Box(-1.0, 1.0, (3,))
+    action_space = gym.spaces.Discrete(4, start=1)
+
+
+def test_a_choice_is_the_one_that_the_model_predicts(tmp_path: Path) -> None:
+    env = vec_env.DummyVecEnv([CountedFromOne])
+    model = make_model("PPO", env, 1, net_arch=[8])
+    model.save(tmp_path / "policy.zip")
+    seen = np.random.default_rng(0).standard_normal((200, 3)).astype(np.float32)
+    chosen = read_policy(tmp_path / "policy.zip").act(seen)[:, 0]
+    assert np.mean(chosen == model.predict(seen, deterministic=True)[0]) > 0.98
+    assert set(chosen) == {0, 1, 2, 3}
+
+
+def test_the_numbers_of_a_normalization_are_asked_for(tmp_path: Path) -> None:
+    env = vec_env.VecNormalize(vec_env.DummyVecEnv([lambda: gym.make("Pendulum-v1")]))
+    model = make_model("PPO", env, 0)
+    model.learn(4)
+    model.save(tmp_path / "policy.zip")
+    with pytest.raises(InvalidArgumentError, match="normalize must be an npz file of VecNorm"):
+        read_policy(tmp_path / "policy.zip")
+    assert read_policy(tmp_path / "policy.zip", "none").normalization is None
+    source = tmp_path / "policy.c"
+    words = ["export", str(tmp_path / "policy.zip"), "--c", str(source)]
+    assert main(words) == 2
+    assert main([*words, "--normalize", "none"]) == 0
+    assert "VecNormalize" not in source.with_suffix(".h").read_text()
+
+
+class OwnLeakyReLU(torch.nn.LeakyReLU):  # type: ignore[misc, name-defined]
+    """A function of a user's own."""
+
+
+def test_an_activation_of_ones_own_is_asked_for(tmp_path: Path) -> None:
+    model = make_model("SAC", "Pendulum-v1", 0, net_arch=[6], activation_fn=OwnLeakyReLU)
+    model.save(tmp_path / "policy.zip")
+    with pytest.raises(InvalidArgumentError, match=r"activation must be one of .*; got none"):
+        read_policy(tmp_path / "policy.zip")
+    policy = read_policy(tmp_path / "policy.zip", activation="LeakyReLU")
+    seen = np.random.default_rng(0).standard_normal((20, 3)).astype(np.float32)
+    expected, _ = model.predict(seen, deterministic=True)
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-5)
+    words = ["export", str(tmp_path / "policy.zip"), "--c", str(tmp_path / "policy.c")]
+    assert main([*words, "--activation", "LeakyReLU"]) == 0
+
+
+def test_an_activation_is_not_contradicted(pendulum: Path) -> None:
+    assert read_policy(pendulum, activation="Tanh").activation == "Tanh"
+    with pytest.raises(InvalidArgumentError, match=r"activation must be Tanh, as .*; got ReLU"):
+        read_policy(pendulum, activation="ReLU")
+
+
+class Wide(gym.Env[Any, Any]):
+    """An environment whose actions have bounds with a difference beyond float32."""
+
+    observation_space = gym.spaces.Box(-1.0, 1.0, (3,))
+    action_space = gym.spaces.Box(np.float32(-3e38), np.float32(3e38), (1,))
+
+
+def test_an_action_that_can_be_infinite_is_refused(tmp_path: Path) -> None:
+    env = vec_env.DummyVecEnv([Wide])
+    make_model("SAC", env, 0, net_arch=[4]).save(tmp_path / "policy.zip")
+    with pytest.raises(InvalidArgumentError, match=r"bounds within 1e\+38 of 0, .* got 3e\+38"):
+        read_policy(tmp_path / "policy.zip")
+    make_model("PPO", env, 0, net_arch=[4]).save(tmp_path / "policy.zip")
+    policy = read_policy(tmp_path / "policy.zip")  # clips
+    assert np.isfinite(policy.act(np.full((1, 3), 1e3, np.float32))).all()
+
+
+def many_layers(_: Any, weights: Any) -> None:
+    """Put 600 layers of a million numbers each, which are all one number, or all one storage."""
+    place = "mlp_extractor.policy_net"
+    one = torch.zeros(1000, 1000)
+    weights.update({f"{place}.0.weight": torch.zeros(1000, 3), f"{place}.0.bias": one[0]})
+    for i in range(2, 1200, 2):
+        weights.update({f"{place}.{i}.weight": one, f"{place}.{i}.bias": one[0]})
+
+
+def repeated_number(_: Any, weights: Any) -> None:
+    weights["action_net.weight"] = torch.zeros(1).expand(1, 4)
+
+
+def wide_layers(_: Any, weights: Any) -> None:
+    weights["mlp_extractor.policy_net.0.weight"] = torch.zeros(100_000, 3)
+    weights["mlp_extractor.policy_net.0.bias"] = torch.zeros(100_000)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (many_layers, "the layers must have at most 2000000 weights and biases; they have 599"),
+        (repeated_number, "action_net.weight must be stored by itself, row by row"),
+        (wide_layers, r"net\.0 must have at most 16384 inputs and outputs; it has \(100000, 3\)"),
+    ],
+)
+def test_layers_of_too_many_numbers_are_refused_before_they_take_memory(
+    change: Callable[[Any, Any], object], sentence: str, pendulum: Path, tmp_path: Path
+) -> None:
+    path = changed(pendulum, tmp_path / "changed.zip", change)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InvalidArgumentError, match=sentence):
+            read_policy(path)
+        assert tracemalloc.get_traced_memory()[1] < 30e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
@@ -369,9 +554,9 @@ def test_a_wrong_export_of_a_policy_is_refused(
 
 
 def test_only_a_policy_is_normalized(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["export", "controller.json", "--c", "a.c", "--normalize", "a.npz"]
-    assert main(words) == 2
-    assert "--normalize has no effect without the .zip of a policy" in capsys.readouterr().err
+    for word in ("--normalize", "--activation"):
+        assert main(["export", "controller.json", "--c", "a.c", word, "none"]) == 2
+        assert f"{word} has no effect without the .zip of a policy" in capsys.readouterr().err
 
 
 def test_a_layer_that_exceeds_float32_is_named(pendulum: Path, tmp_path: Path) -> None:
