@@ -151,7 +151,7 @@ def add_page(app: Sphinx, error: Exception | None) -> None:
     if error is None and app.builder.format == "html":
         out = pathlib.Path(app.outdir)
         write_live_page(out / "fish.html")
-        answer = runpy.run_path(str(ROOT / "examples" / "answers" / "browser.py"))
+        answer = runpy.run_path(str(ROOT / "examples" / "answers" / "browser"))
         answer["main"](out / "answers")
 
 

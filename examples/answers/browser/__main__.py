@@ -1,6 +1,6 @@
 """A simulation in a page, without a server: a cart-pole of 20 lines, and the fish.
 
-    python examples/answers/browser.py --out out/pages
+    python examples/answers/browser --out out/pages
 
 It writes cart_pole.html and fish.html. Open them in a browser.
 """
@@ -14,19 +14,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
+from simulation_page import Circle, Line, Slider, trace_step, write_simulation
 
 from aquafish_gym import Morphology, code_generation
 from aquafish_gym.physics.arithmetic import add, cosine_sine, floor, subtract
 from aquafish_gym.physics.kinematics import joint_angles, rotation, to_world
 from aquafish_gym.physics.layout import ROBOT_ROWS, STATE_NUMBERS, fetch_state
 from aquafish_gym.rendering.scene import place_parts
-from aquafish_gym.rendering.simulation_page import (
-    Circle,
-    Line,
-    Slider,
-    trace_step,
-    write_simulation,
-)
 
 
 def balance(state: Sequence[Any], sliders: Sequence[Any]) -> Sequence[Any]:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from aquafish_gym.physics.arithmetic import Number, put
 from aquafish_gym.physics.printing import JAVASCRIPT, Traced, printed, trace
 from aquafish_gym.physics.symbols import Symbol
-from aquafish_gym.rendering.replay import web_file, whole_page
+from aquafish_gym.rendering.replay import whole_page
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -109,22 +109,6 @@ def write_simulation(
     ------
     InvalidArgumentError
         If an argument has another form, or ``step`` or ``draw`` does what symbols cannot.
-
-    Examples
-    --------
-    A weight on a spring:
-
-    >>> def step(state, sliders):
-    ...     place, speed = state
-    ...     speed = speed - 0.01 * sliders[0] * place
-    ...     return place + 0.01 * speed, speed
-    >>> def draw(state, sliders):
-    ...     return [Line(0.0, 0.0, state[0], 0.0, 0.02), Circle(state[0], 0.0, 0.1)]
-    >>> sliders = {"stiffness": Slider(0.0, 50.0, 10.0)}
-    >>> view = (-1.5, 1.5, -0.5, 0.5)
-    >>> path = write_simulation("spring.html", step, draw, (1.0, 0.0), sliders, 0.01, view)
-    >>> path.stat().st_size < 10_000
-    True
     """
     file_path("path", path)
     first = real_array("start", start, (None,)).tolist()
@@ -151,14 +135,14 @@ def write_simulation(
         '<input type="range" step="any"><output></output></label>'
         for name in sliders
     )
-    body = Template(web_file("simulation.html")).substitute(
+    body = Template(_beside("simulation.html")).substitute(
         title=html.escape(utf8_text("title", title)),
         note=html.escape(utf8_text("note", note)),
         sliders=controls,
         data=json.dumps(data, separators=(",", ":"), allow_nan=False),
         script=(script := _script(stepped, drawn)),
     )
-    page = whole_page(title, body, web_file("simulation.css"), (script,))
+    page = whole_page(title, body, _beside("simulation.css"), (script,))
     write_bytes(path, page.encode())
     return Path(path)
 
@@ -225,7 +209,11 @@ def _traced(name: str, function: Callable[..., None], **sizes: int) -> Traced:
 
 def _script(stepped: Traced, drawn: Traced) -> str:
     functions = printed("step", stepped, JAVASCRIPT) + printed("draw", drawn, JAVASCRIPT)
-    return '"use strict";\n' + functions + web_file("simulation.js")
+    return '"use strict";\n' + functions + _beside("simulation.js")
+
+
+def _beside(name: str) -> str:
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 def _check_finite(argument: str, numbers: Sequence[float]) -> None:

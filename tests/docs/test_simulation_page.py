@@ -21,18 +21,12 @@ from hypothesis import strategies as st
 
 from aquafish_gym.physics.arithmetic import where_less
 from aquafish_gym.physics.printing import JAVASCRIPT, printed
-from aquafish_gym.rendering.simulation_page import (
-    Circle,
-    Line,
-    Slider,
-    trace_step,
-    write_simulation,
-)
 from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.browser import Page, browser
 
 NODE = shutil.which("node")
-ANSWER = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "answers" / "browser.py"))
+ANSWER = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "answers" / "browser"))
+Circle, Line, Slider = (ANSWER[name] for name in ("Circle", "Line", "Slider"))
 SIMULATIONS: dict[str, Any] = {
     "cart-pole": (ANSWER["balance"], ANSWER["CART_START"], ANSWER["CART_SLIDERS"]),
     "fish": (ANSWER["swim"], ANSWER["fish_at_rest"](), ANSWER["FISH_SLIDERS"]),
@@ -57,7 +51,7 @@ def page_of(**changed: Any) -> str:
         "view": VIEW,
     }  # fmt: skip
     with TemporaryDirectory() as folder:
-        path = write_simulation(Path(folder) / "page.html", **(usual | changed))
+        path = ANSWER["write_simulation"](Path(folder) / "page.html", **(usual | changed))
         return path.read_text(encoding="utf-8")
 
 
@@ -69,7 +63,7 @@ def test_javascript_steps_as_python_does(name: str) -> None:
     state = list(start)
     for _ in range(500):
         state = list(step(tuple(state), tuple(values)))
-    source = printed("step", trace_step(step, len(start), len(sliders)), JAVASCRIPT)
+    source = printed("step", ANSWER["trace_step"](step, len(start), len(sliders)), JAVASCRIPT)
     source += f"const state = {json.dumps(list(start))}, sliders = {json.dumps(values)};\n"
     source += "for (let i = 0; i < 500; i++) step(state, sliders);\n"
     source += "console.log(JSON.stringify(state));"
