@@ -160,12 +160,13 @@ def _actor(weights: TorchFile) -> tuple[_Kind, tuple[Layer, ...]]:
         )
     kind = kinds[0]
     names = list(_layer_names(kind, weights))
-    parts = [f"{name}.{part}" for name in names for part in ("weight", "bias")]
-    for name in tensors.keys() - set(parts):
-        if not any(name == other or name.startswith(f"{other}.") for other in kind.others):
+    parts = {f"{name}.{part}" for name in names for part in ("weight", "bias")}
+    others = tuple(f"{other}." for other in kind.others)
+    for name in tensors:
+        if name not in parts and not f"{name}.".startswith(others):
             raise InvalidArgumentError(
                 f"{name} is no dense layer of {kind.name} between observation and action, and "
-                f"cannot be exported; those are {', '.join(names)}"
+                f"cannot be exported; those are {brief(', '.join(names))}"
             )
     numbers = sum(tensors[part].size for part in parts if part in tensors)
     if numbers > MOST_NUMBERS:

@@ -66,7 +66,12 @@ class TorchFile:
         kind = getattr(tensor, "kind", None)
         if tensor is None or kind != FLOAT32:
             raise InvalidArgumentError(f"{name} must be a tensor of float32; got {brief(kind)}")
-        content = self.read(tensor.key, 4 * tensor.size) if tensor.is_whole else b""
+        try:
+            content = self.read(tensor.key, 4 * tensor.size) if tensor.is_whole else b""
+        except Exception as error:  # a damaged archive raises a dozen kinds of errors
+            raise InvalidArgumentError(
+                f"{name} must be stored undamaged; {brief(str(error))}"
+            ) from None
         if len(content) != 4 * tensor.size:
             raise InvalidArgumentError(
                 f"{name} must be stored by itself, row by row; it is a part or a view of "

@@ -54,7 +54,7 @@ def named(**tensors: bytes) -> bytes:
 def zipped(pickled: bytes, **members: bytes) -> bytes:
     """Return a file of torch.save."""
     content = io.BytesIO()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("archive/data.pkl", pickled)
         for name, member in members.items():
             archive.writestr(f"archive/{name.replace('_', '/')}", member)
@@ -99,6 +99,14 @@ def test_a_tensor_that_is_not_a_storage_is_refused(one: bytes, sentence: str) ->
     file = open_torch_file(zipped(named(a=one), data_0=SIX.tobytes()), MOST_BYTES)
     with pytest.raises(InvalidArgumentError, match=sentence):
         file.array("a")
+
+
+def test_a_damaged_storage_is_refused() -> None:
+    content = zipped(named(a=WEIGHTS), data_0=SIX.tobytes())
+    assert content.count(SIX.tobytes()) == 1
+    damaged = content.replace(SIX.tobytes(), SIX[::-1].tobytes())
+    with pytest.raises(InvalidArgumentError, match=r"a must be stored undamaged; .*Bad CRC-32"):
+        open_torch_file(damaged, MOST_BYTES).array("a")
 
 
 NESTED = b")" + 50_000 * b"\x85"
