@@ -1,13 +1,14 @@
 """The scenario of a simulation: B robots, the water they swim in, and what breaks when.
 
 Damage, tiers, worlds that differ from their models, fault hypotheses and nuisance parameters are
-edits of a :class:`Scenario`'s fields. Engines simulate it.
+edits of a :class:`Scenario`'s fields. Engines simulate it. It is a table of R rows, one at least
+for each robot, which swims on as the next row says once its step has come.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from numbers import Real
 from typing import Any, NamedTuple, Self
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
 from aquafish_gym.morphology import FINS
-from aquafish_gym.utils.array_types import Flags, Floats
+from aquafish_gym.stages import NEVER, Player, Stages
+from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -34,6 +36,7 @@ LARGEST_SCALE = 100.0  # factor of a sensor
 LONGEST_DELAY = 100.0  # s, of a channel of the robot
 #: What the inertial measurement unit observes: two directions and the angular velocity.
 CHANNELS = tuple(f"{sense}_{axis}" for sense in ("up", "north", "gyro") for axis in "xyz")
+GYRO_CHANNELS = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
 class _Field(NamedTuple):
@@ -66,6 +69,9 @@ _FIELDS: dict[str, _Field] = {
 }
 
 
+#: The fields that say how a robot begins. The others say what it is, from a step on.
+STARTS = ("fin_angles", "velocity", "spin")
+_TIMES = ("first", "since", "until")
 #: The fields of late, slow and scaled channels.
 LATE_FIELDS = ("sensor_scale", "sensor_delay", "sensor_hold", "servo_delay", "servo_hold")
 
@@ -84,27 +90,33 @@ class Scenario:
     (2, (2, 9), [[1.0, 0.0, 1.0]])
     """
 
-    body: Floats  # (B, 9) fin sizes in the order of ``DIMENSIONS``, units of 5 cm
     fin_angles: Floats  # (B, 3) at the start: pectorals' angles, caudal phase, rad; NaN: random
     velocity: Floats  # (B, 3) at the start, body axes, units/s
     spin: Floats  # (B, 3) angular velocity at the start, body axes, rad/s
-    current: Floats  # (B, 3) velocity of the water in the world, units/s
-    drag: Floats  # (B, 2) factors on the drag of the fins and on that of the body
-    fin_density: Floats  # (B,) factor on the mass of the fins, or (B, 3) of each
-    servo_gain: Floats  # (B, 3) servo speed over command; 0 is seized, -1 reversed
-    servo_lag: Floats  # (B,) delay from a command to the servos' motion, s
-    gyro_noise: Floats  # (B,) standard deviation in each observation and axis, rad/s
-    sensor_bias: Floats  # (B, 9) added to each of ``CHANNELS``; of the gyro in rad/s
-    sensor_scale: Floats  # (B, 9) factor on each channel
-    sensor_delay: Floats  # (B, 9) age of what each channel is observed to say, s
-    sensor_hold: Floats  # (B, 9) for how long each channel repeats a reading, s; 0 is not at all
-    servo_delay: Floats  # (B, 3) age of the action that each servo follows, s
-    servo_hold: Floats  # (B, 3) for how long each servo keeps to an action, s; 0 is not at all
-    sensor_stuck: Flags  # (B, 9) whether each channel repeats its first observation
-    sensor_dropped: Flags  # (B, 9) whether each channel is observed as 0
-    faults: NDArray[np.int64]  # (B,) how many faults each robot has
+    # The rows of the table. Where nothing changes R is B, and row i is robot i.
+    body: Floats  # (R, 9) fin sizes in the order of ``DIMENSIONS``, units of 5 cm
+    current: Floats  # (R, 3) velocity of the water in the world, units/s
+    drag: Floats  # (R, 2) factors on the drag of the fins and on that of the body
+    fin_density: Floats  # (R,) factor on the mass of the fins, or (R, 3) of each
+    servo_gain: Floats  # (R, 3) servo speed over command; 0 is seized, -1 reversed
+    servo_lag: Floats  # (R,) delay from a command to the servos' motion, s
+    gyro_noise: Floats  # (R,) standard deviation in each observation and axis, rad/s
+    sensor_bias: Floats  # (R, 9) added to each of ``CHANNELS``; of the gyro in rad/s
+    sensor_scale: Floats  # (R, 9) factor on each channel
+    sensor_delay: Floats  # (R, 9) age of what each channel is observed to say, s
+    sensor_hold: Floats  # (R, 9) for how long each channel repeats a reading, s; 0 is not at all
+    servo_delay: Floats  # (R, 3) age of the action that each servo follows, s
+    servo_hold: Floats  # (R, 3) for how long each servo keeps to an action, s; 0 is not at all
+    sensor_stuck: Flags  # (R, 9) whether each channel repeats its first observation
+    sensor_dropped: Flags  # (R, 9) whether each channel is observed as 0
+    faults: NDArray[np.int64]  # (R,) how many faults each robot has
+    first: Rows  # (B,) the row with which each robot begins; its others follow
+    since: Rows  # (R,) the step of 0.01 s from which each row holds
+    until: Rows  # (R,) the step from which the next one does; ``NEVER`` in a robot's last row
+    #: By how much fields (R, ...) grow in every ``stride`` steps of a row.
+    rates: Mapping[str, Floats] = field(default_factory=dict)
+    stride: int = 1
     reactive: bool = False  # whether the water has added mass too; kernels are compiled for it
-    schedule: tuple[Change, ...] = ()  # what changes after the start, in the order of its steps
 
     @classmethod
     def create(cls, body: object = None, *, reactive: bool = False, **fields: object) -> Self:
@@ -143,25 +155,49 @@ class Scenario:
         for name in ("sensor_stuck", "sensor_dropped"):
             missing[name] = np.zeros((batch, len(CHANNELS)), np.bool_)
         missing["faults"] = np.zeros(batch, np.int64)
+        missing["first"] = np.arange(batch)
+        missing["since"] = np.zeros(batch, np.intp)
+        missing["until"] = np.full(batch, NEVER)
         return cls(**{**missing, **fields}, reactive=reactive)
 
     def __len__(self) -> int:
-        return len(self.body)
+        return len(self.first)
+
+    def __repr__(self) -> str:
+        return f"Scenario(B={len(self)}, {len(self.until) - len(self)} changes)"
 
     @property
     def is_late(self) -> bool:
-        """Whether a channel of any robot, as they are now, is late, slow or scaled."""
-        scaled = bool((self.sensor_scale != 1.0).any())
-        return scaled or any(
-            vars(self)[name].any() for name in LATE_FIELDS if name != "sensor_scale"
-        )
+        """Whether a channel of any robot is ever late, slow or scaled."""
+        others = [name for name in LATE_FIELDS if name != "sensor_scale"]
+        return bool((self.sensor_scale != 1.0).any()) or self.has(*others)
 
-    def __repr__(self) -> str:
-        return f"Scenario(B={len(self)}, {len(self.schedule)} changes)"
+    def has(self, *fields: str) -> bool:
+        """Return whether one of these fields is ever other than 0."""
+        return any(vars(self)[name].any() for name in fields)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the fields that have a row for each robot, by name."""
+        """Return the fields that are arrays, by name."""
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the fields (R, ...) that may change in mid-swim, by name."""
+        return {
+            name: value
+            for name, value in self.arrays().items()
+            if name not in STARTS and name not in _TIMES
+        }
+
+    @property
+    def stages(self) -> Stages:
+        """The table of the robots' columns, in steps of 0.01 s."""
+        return Stages(self.first, self.since, self.until, self.columns(), self.rates, self.stride)
+
+    def with_stages(self, stages: Stages) -> Self:
+        """Return the robots, which begin as these do, with another table."""
+        fields: dict[str, Any] = {**stages._asdict(), **stages.columns}
+        del fields["columns"]
+        return replace(self, **fields)
 
     def copy(self) -> Self:
         """Return the scenario in arrays of its own, which may be written to."""
@@ -169,12 +205,43 @@ class Scenario:
         return replace(self, **own)
 
     def take(self, rows: Any) -> Self:
-        """Return the robots that ``rows`` selects, as numpy would from (B,), schedule included."""
-        chosen = np.atleast_1d(np.arange(len(self))[rows])
-        taken: dict[str, Any] = {name: value[chosen] for name, value in self.arrays().items()}
-        changes = [change.of_rows(chosen) for change in self.schedule]
-        schedule = tuple(change for change in changes if len(change.rows))
-        return replace(self, **taken, schedule=schedule)
+        """Return the robots that ``rows`` selects, as numpy would from (B,), all rows of each."""
+        robots = np.atleast_1d(np.arange(len(self))[rows])
+        starts: dict[str, Any] = {name: vars(self)[name][robots] for name in STARTS}
+        stages = self.stages
+        counts = stages.counts[robots]
+        first = np.cumsum(counts) - counts
+        chosen = np.repeat(self.first[robots] - first, counts) + np.arange(counts.sum())
+        return replace(self, **starts).with_stages(
+            stages._replace(
+                first=first,
+                since=self.since[chosen],
+                until=self.until[chosen],
+                columns={name: column[chosen] for name, column in stages.columns.items()},
+                rates={name: rate[chosen] for name, rate in self.rates.items()},
+            )
+        )
+
+    @property
+    def beginning(self) -> Self:
+        """The robots as they begin, without their changes."""
+        if len(self.until) == len(self) and not self.rates:
+            return self
+        return self._unchanging({name: each[self.first] for name, each in self.columns().items()})
+
+    def then(self, step: int, later: Scenario) -> Self:
+        """Return robots without changes that become those of another scenario at a step.
+
+        They keep their motion: the fin angles and speeds of ``later`` are ignored.
+        """
+        count = len(self)
+        columns = {
+            name: np.stack([mine, vars(later)[name]], axis=1).reshape(-1, *mine.shape[1:])
+            for name, mine in self.columns().items()
+        }
+        since = np.tile([0, step], count)
+        until = np.tile([step, NEVER], count)
+        return self.with_stages(Stages(np.arange(0, 2 * count, 2), since, until, columns, {}))
 
     def draw_angles(self, rngs: Sequence[np.random.Generator]) -> Self:
         """Return the scenario with the angles of fins drawn whose servos are dead from the start.
@@ -210,47 +277,51 @@ class Scenario:
                 f"{FINS[fin]} servo, whose angle is random; draw it with scenario.draw_angles(rngs)"
             )
 
-    def stages(self) -> list[Scenario]:
-        """Return the robots at the start, and those of each change."""
-        return [self, *(change.to for change in self.schedule)]
-
     def segments(self, steps: int) -> Iterator[Segment]:
         """Yield the stretches of ``steps`` steps of 0.01 s in which no robot changes, in order.
 
-        The robots begin as the scenario says. Each later stretch begins with a change of the
-        schedule; one at step 0 comes first.
+        The robots begin as the scenario says. Each later stretch begins with a change of some of
+        them; one at step 0 comes first.
         """
-        changes = [change for change in self.schedule if change.step < steps]
-        ends = [change.step for change in changes] + [steps]
-        if ends[0] > 0:
-            yield Segment(0, ends[0], None)
-        for change, end in zip(changes, ends[1:], strict=True):
-            yield Segment(change.step, end, change)
+        player = Player(self.stages)
+        robots = np.zeros(0, np.intp)
+        begin = 0
+        while begin < steps:
+            to = self._unchanging(player.move(robots), robots) if len(robots) else None
+            end = min(int(player.next_change.min(initial=NEVER)), steps)
+            if end > begin or to is not None:
+                yield Segment(begin, end, robots, to)
+            robots = np.flatnonzero(player.next_change == end)
+            begin = end
+
+    def _unchanging(self, columns: Mapping[str, NDArray[Any]], robots: Any = slice(None)) -> Self:
+        """Return some of the robots with columns (n, ...) that never change."""
+        starts: dict[str, Any] = {name: vars(self)[name][robots] for name in STARTS}
+        count = len(starts["spin"])
+        times = (np.arange(count), np.zeros(count, np.intp), np.full(count, NEVER))
+        return replace(self, **starts).with_stages(Stages(*times, columns, {}))
 
     @staticmethod
     def concatenate(scenarios: Sequence[Scenario]) -> Scenario:
         """Return the robots of several scenarios, one after another, in one."""
-        if len({one.reactive for one in scenarios}) != 1:
+        if len({(one.reactive, one.stride) for one in scenarios}) != 1:
             raise InvalidArgumentError("scenarios must be one or more, reactive all or none")
         names = scenarios[0].arrays()
         joined: dict[str, Any] = {
             name: np.concatenate([vars(one)[name] for one in scenarios]) for name in names
         }
-        changes: dict[int, list[Change]] = {}
-        first = 0
-        for one in scenarios:
-            for step, rows, to in one.schedule:
-                changes.setdefault(step, []).append(Change(step, rows + first, to))
-            first += len(one)
-        schedule = tuple(
-            Change(
-                step,
-                np.concatenate([change.rows for change in those]),
-                Scenario.concatenate([change.to for change in those]),
-            )
-            for step, those in sorted(changes.items())
+        rows = np.cumsum([0, *(len(one.until) for one in scenarios[:-1])])
+        joined["first"] = np.concatenate(
+            [one.first + before for one, before in zip(scenarios, rows, strict=True)]
         )
-        return replace(scenarios[0], **joined, schedule=schedule)
+        growing = {name for one in scenarios for name in one.rates}
+        joined["rates"] = {
+            name: np.concatenate(
+                [one.rates.get(name, np.zeros_like(vars(one)[name])) for one in scenarios]
+            )
+            for name in sorted(growing)
+        }
+        return replace(scenarios[0], **joined)
 
 
 class Segment(NamedTuple):
@@ -258,23 +329,8 @@ class Segment(NamedTuple):
 
     begin: int
     end: int
-    change: Change | None  #: What changes when it begins, if anything.
-
-
-class Change(NamedTuple):
-    """A change of some robots of a scenario."""
-
-    #: The first step of 0.01 s that it affects; at 0 the fins only begin with the speed of before.
-    step: int
-    rows: NDArray[np.intp]  #: (n,) which robots, in ascending order.
-    #: The n robots from then on, in the same order. They keep their motion: ``fin_angles``,
-    #: ``velocity`` and ``spin`` are ignored.
-    to: Scenario
-
-    def of_rows(self, chosen: NDArray[np.intp]) -> Change:
-        """Return the change as it affects the robots ``chosen`` (m,), numbered from 0 on."""
-        rows = np.flatnonzero(np.isin(chosen, self.rows))
-        return Change(self.step, rows, self.to.take(np.searchsorted(self.rows, chosen[rows])))
+    robots: Rows  #: (n,) which robots change when it begins, in ascending order.
+    to: Scenario | None  #: What these n are from then on; None if none changes.
 
 
 def check_field(name: str, value: object, argument: str = "") -> NDArray[Any]:

@@ -66,6 +66,9 @@ class WorldConfig:
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""
         instance("scenario", scenario, Scenario)
+        rates = dict(scenario.rates)
+        if "servo_gain" in rates:
+            rates["servo_gain"] = rates["servo_gain"] * self.servo_gain
         return replace(
             scenario,
             current=scenario.current + self.current,
@@ -73,5 +76,5 @@ class WorldConfig:
             servo_gain=scenario.servo_gain * self.servo_gain,
             servo_lag=scenario.servo_lag + self.lag,
             reactive=scenario.reactive or self.reactive,
-            schedule=tuple(one._replace(to=self.edit(one.to)) for one in scenario.schedule),
+            rates=rates,
         )

@@ -194,8 +194,8 @@ def filmed(
     scenario = instance("damage", damage, Damage).edit(Scenario.create(body), hold)
     bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
     steps = round(float(swim.time[-1]) / TIMESTEP) + 1
-    for begin, _, change in scenario.segments(steps):
-        now = scenario if change is None else change.to
+    for begin, _, _, to in scenario.segments(steps):
+        now = scenario.beginning if to is None else to
         later = swim.time > (begin - 0.5) * TIMESTEP
         bodies[later] = now.body[0]
         sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)

@@ -24,7 +24,6 @@ from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.rollout import rollout
-from aquafish_gym.rollout.plan import is_ever_late
 from aquafish_gym.scenario import Scenario
 
 HOLD, STEPS = 20, 12
@@ -60,9 +59,7 @@ scenes = st.fixed_dictionaries(
 
 def late_scenario(scenario: Scenario, lag: float) -> Scenario:
     """Return a scenario whose servos have a lag in s throughout."""
-    changes = [change._replace(to=late_scenario(change.to, lag)) for change in scenario.schedule]
-    lags = np.full(len(scenario), lag)
-    return replace(scenario, servo_lag=lags, schedule=tuple(changes))
+    return replace(scenario, servo_lag=np.full_like(scenario.servo_lag, lag))
 
 
 Streams = dict[str, np.ndarray]
@@ -123,7 +120,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     slow = late_scenario(robot, lag)
     for engine in ENGINES:
         late[f"rollout, {engine}"], swum[f"rollout, {engine}"] = roll(slow, engine)
-        if not own and not is_ever_late(slow):
+        if not own and not slow.is_late:
             series = scale_action(actions)[None]
             log = simulate_scenario(
                 slow, series, STEPS * HOLD, engine, "float64", record="gyro", interval=HOLD

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage
-from aquafish_gym.damage.sensors import Readings, Sensors
-from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.damage.sensors import sensor_columns
+from aquafish_gym.damage.side import Side
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 
 ONLY = np.zeros(1, np.intp)
 
@@ -24,16 +25,15 @@ ONLY = np.zeros(1, np.intp)
 def test_a_record_is_what_is_observed_step_by_step(damage: str) -> None:
     scenario = Damage.parse(damage).edit(Scenario.create())
     truth = np.random.default_rng(1).normal(size=(30, len(CHANNELS)))
-    alone, recorded = Sensors(1, np.float64), Sensors(1, np.float64)
+    alone, recorded = (Side(1, len(CHANNELS), TIMESTEP) for _ in range(2))
     for sensors in (alone, recorded):
-        for stage in (scenario, *(change.to for change in scenario.schedule)):
-            sensors.remember(stage.sensor_delay)
-        sensors.update(ONLY, Readings.of(scenario))
+        sensors.remember(scenario.sensor_delay)
+        sensors.update(ONLY, sensor_columns(scenario.beginning.columns()))
     one, other = np.random.default_rng(2), np.random.default_rng(2)
     expected, found = [], []
-    for begin, end, change in scenario.segments(len(truth)):
-        for sensors in (alone, recorded) if change else ():
-            sensors.update(ONLY, Readings.of(change.to))
+    for begin, end, _, to in scenario.segments(len(truth)):
+        for sensors in (alone, recorded) if to else ():
+            sensors.update(ONLY, sensor_columns(to.columns()))
         rows = np.split(truth[begin:end], end - begin)
         expected += [alone.observe(row, -np.inf, np.inf, [one], ONLY) for row in rows]
         found.append(recorded.record(truth[begin:end], other))
@@ -42,7 +42,7 @@ def test_a_record_is_what_is_observed_step_by_step(damage: str) -> None:
 
 def test_segments_cover_all_steps_once_and_changes_begin_them() -> None:
     scenario = Damage.parse("caudal:missing@0.1+0.2; gyro_x:dropped@0.5").edit(Scenario.create())
-    assert [(s.begin, s.end, s.change is None) for s in scenario.segments(40)] == [
+    assert [(s.begin, s.end, s.to is None) for s in scenario.segments(40)] == [
         (0, 10, True),
         (10, 30, False),
         (30, 40, False),

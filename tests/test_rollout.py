@@ -21,13 +21,14 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.programs import act_alone
-from aquafish_gym.scenario import Change, Scenario
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.network import Senses
 from gait.search.templates import Template
 from gait.swims.poses import random_poses
+from tests.scenarios import with_changes
 
 ROBOTS, SECONDS, INTERVAL = 5, 4.0, 20
 POSES = random_poses(ROBOTS, 1)
@@ -73,8 +74,7 @@ def broken() -> Scenario:
     second.body[:, 0] *= 0.5
     second.sensor_bias[0, 2:8] = 0.2
     second.sensor_dropped[1, 3:] = True
-    changes = (Change(100, rows, first), Change(230, rows[1:], second))
-    return replace(start, schedule=changes)
+    return with_changes(start, [(100, rows, first), (230, rows[1:], second)])
 
 
 def swim(task: Task | None, scenario: Scenario, how: str = "compiled", **more: Any) -> Trajectories:
@@ -136,7 +136,7 @@ def test_returns_are_those_of_the_environment(name: str) -> None:
     stuck.sensor_stuck[:, 1] = True
     found = rollout(
         program_of([make_controller(task)], ROBOTS),
-        replace(start, schedule=(Change(200, np.arange(ROBOTS), stuck),)),
+        start.then(200, stuck),
         replace(task, seconds=SECONDS),
         rngs=rngs,
     )

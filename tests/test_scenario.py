@@ -16,9 +16,10 @@ from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.batching import make_swimmers
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
-from aquafish_gym.scenario import Change, Scenario
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
+from tests.scenarios import with_changes
 
 
 def scheduled() -> Scenario:
@@ -26,7 +27,7 @@ def scheduled() -> Scenario:
     whole = Scenario.create(current=np.arange(12.0).reshape(4, 3))
     rows = np.array([1, 3])
     broken = replace(whole.take(rows), servo_gain=np.array([(1, 1, 0.1), (1, 1, 0.3)]))
-    return replace(whole, schedule=(Change(10, rows, broken),))
+    return with_changes(whole, [(10, rows, broken)])
 
 
 def test_default_scenario_is_the_nominal_robot_in_still_water() -> None:
@@ -55,12 +56,13 @@ def test_wrong_field_is_refused_by_name(fields: dict[str, object], named: str) -
 
 def test_selected_rows_keep_their_changes() -> None:
     chosen = scheduled().take([3, 0, 3, 1])
-    assert chosen.current[:, 0].tolist() == [9, 0, 9, 3]
-    (change,) = chosen.schedule
-    assert change.step == 10
-    assert change.rows.tolist() == [0, 2, 3]
-    assert change.to.servo_gain[:, 2].tolist() == [0.3, 0.3, 0.1]
-    assert scheduled().take([0, 2]).schedule == ()
+    assert chosen.beginning.current[:, 0].tolist() == [9, 0, 9, 3]
+    _, (begin, end, robots, to) = chosen.segments(30)
+    assert (begin, end) == (10, 30)
+    assert robots.tolist() == [0, 2, 3]
+    assert to is not None
+    assert to.servo_gain[:, 2].tolist() == [0.3, 0.3, 0.1]
+    assert len([*scheduled().take([0, 2]).segments(30)]) == 1
 
 
 def test_parts_concatenate_to_the_whole() -> None:
@@ -68,9 +70,6 @@ def test_parts_concatenate_to_the_whole() -> None:
     again = Scenario.concatenate([whole.take(slice(0, 2)), whole.take(slice(2, None))])
     for name, array in whole.arrays().items():
         np.testing.assert_array_equal(array, again.arrays()[name])
-    (change,) = again.schedule
-    assert change.rows.tolist() == [1, 3]
-    assert change.to.servo_gain[:, 2].tolist() == [0.1, 0.3]
 
 
 def test_a_world_is_that_of_all_stages() -> None:
@@ -82,10 +81,9 @@ def test_a_world_is_that_of_all_stages() -> None:
     whole = Scenario.create()
     one = world.edit(damage.edit(whole))
     two = damage.edit(world.edit(whole))
-    for mine, others in zip(one.stages(), two.stages(), strict=True):
-        for name, table in mine.arrays().items():
-            np.testing.assert_array_equal(table, others.arrays()[name], name)
-    assert one.stages()[-1].servo_gain.tolist() == [[0.25, 1.0, 1.0]]
+    for name, table in one.arrays().items():
+        np.testing.assert_array_equal(table, two.arrays()[name], name)
+    assert one.servo_gain[-1].tolist() == [0.25, 1.0, 1.0]
 
 
 def dead(count: int = 1) -> Scenario:

@@ -38,9 +38,8 @@ from aquafish.online.teacher import Teacher, check_teachers
 from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish.online.trusted import Trusted
 from aquafish_gym.damage import Damage
-from aquafish_gym.damage.sensors import GYRO_CHANNELS
 from aquafish_gym.physics.layout import angles_of_rows
-from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (

@@ -13,8 +13,7 @@ from aquafish.online.recognition import Recognised, recognise
 from aquafish.online.self_model import predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.damage import MAXIMUM_FAULTS
-from aquafish_gym.damage.sensors import GYRO_CHANNELS
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import GYRO_CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 
 SETTLED_CASE_ACTIONS = 10  # after an alarm, from which on the inferred fault is trusted

@@ -6,7 +6,6 @@ Two faults are of different fins, or two sizes of one fin. A third one is of ano
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from itertools import combinations, product
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.damage.faults import break_fin
+from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.damage.words import PARTS, Range, needs_number
 from aquafish_gym.morphology import FINS
 from aquafish_gym.scenario import Scenario
@@ -150,9 +149,8 @@ def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
     robots = robot.take(np.zeros(ends[-1], np.intp))
     for grid, end in zip(grids, ends, strict=True):
         rows = slice(end - len(grid.numbers), end)
-        those = replace(robots, body=robots.body[rows], servo_gain=robots.servo_gain[rows])  # views
         for (fin, word), number in zip(grid.words, grid.numbers.T, strict=True):
-            break_fin(those, fin, word, number)
+            break_part(robots.columns(), rows, fin, word, number)
     return robots
 
 

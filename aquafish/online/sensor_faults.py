@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aquafish_gym.damage.sensors import GYRO_CHANNELS
-from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
 BIAS_COST = 4.0  # minus its log prior

@@ -29,12 +29,11 @@ from aquafish.online.self_model import (
     START_ERROR,
 )
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.damage.faults import break_fin
-from aquafish_gym.damage.sensors import GYRO_CHANNELS
+from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA
 from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
 from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS
-from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
 
@@ -127,7 +126,7 @@ def effects(fin: str, word: str) -> list[tuple[float, ...]]:
     values, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
     robots = Scenario.create(np.tile(values[:, None], len(DIMENSIONS)))
     robots.servo_gain[:] = values[:, None]
-    break_fin(robots, fin, word, numbers)
+    break_part(robots.columns(), slice(None), fin, word, numbers)
     after = np.concatenate([robots.body, robots.servo_gain], axis=1)
     terms = np.stack([np.ones(4), numbers, values, values * numbers], axis=1)
     found = np.linalg.solve(terms, after).round(9).T + 0.0  # no "-0"

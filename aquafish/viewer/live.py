@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,8 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.self_model import ERROR_SIZE, moved, predict
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
-from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
-from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.envs.robots import Robots
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
@@ -75,8 +73,6 @@ class LiveSwim:
     ----------
     states
         (25, B) in the order of ``aquafish_gym.physics.layout``.
-    robots
-        The current scenario (B robots), with its damage.
     observed
         (B, 9) the last observations.
     actions, held
@@ -103,25 +99,25 @@ class LiveSwim:
         """Begin again at the start line, at rest, with the damage of the start."""
         self.pilot = pilot or self.pilot
         self.steps, self.held = 0, 0
-        self._key: tuple[object, ...] = ()
         self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
         self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
-        # A fault that strikes in mid-swim finds what was said and asked before.
         self._stride = math.gcd(self.pilot.interval, UPDATE_STEPS)
-        dt = TIMESTEP * self._stride
-        self._sensors = Sensors(self.count, dt=dt)
-        self._sensors.remember(LONGEST_STRIKE)
-        self._servos = DelayLines(self.count, 3, first=np.zeros(3))
-        self._servos.remember(longest(LONGEST_STRIKE, dt))
-        self.robots = self._present()
-        begun = self.robots.draw_angles([self._rng] * self.count)
+        begun = self._scenario().draw_angles([self._rng] * self.count)
         self._angles = begun.fin_angles
+        # A fault that strikes in mid-swim finds what was said and asked before.
+        self._robots = Robots(begun, self._stride, history=LONGEST_STRIKE)
+        self._robots.start(self._everyone, begun)
+        self._is_edited = False
         self._lanes = LaneBatch(begun, np.float64)
         self.states = self._lanes.states.astype(np.float64)
         self.pilot.agent.reset({"fin_angles": self._angles.copy()})
         self.actions = np.zeros((self.count, 3))
-        self._become()
         self._observe()
+
+    @property
+    def robots(self) -> Scenario:
+        """The robots as they are at present (B robots)."""
+        return self._robots.now
 
     @property
     def seconds(self) -> float:
@@ -135,7 +131,7 @@ class LiveSwim:
 
     def damage_now(self, robot: int) -> Damage:
         """Return a robot's active faults, as if they lasted throughout."""
-        return _lasting(self.faults(robot))
+        return Damage(tuple(replace(one, onset=0.0, duration=None) for one in self.faults(robot)))
 
     def broken(self, robot: int) -> tuple[str, ...]:
         """Return the names of a robot's broken fins."""
@@ -159,19 +155,23 @@ class LiveSwim:
             damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
             damages[robot].check_steps(TIMESTEP * self._stride)
         self._damages = damages
+        self._is_edited = True
 
     def repair(self, robots: Sequence[int] | None = None) -> None:
         """Remove all faults of robots, or of all, in mid-swim."""
         for robot in self._everyone.tolist() if robots is None else robots:
             self._damages[robot] = Damage()
+        self._is_edited = True
 
     def set_sizes(self, sizes: ArrayLike) -> None:
         """Set the nine sizes (9,) of all robots before damage, in units of 5 cm."""
         self._sizes = check_field("body", np.array([sizes], float))[0]
+        self._is_edited = True
 
     def set_current(self, current: ArrayLike) -> None:
         """Set the velocity (3,) of the water, units/s."""
         self._current = check_row("current", current)
+        self._is_edited = True
 
     def advance(self, updates: int = 1) -> None:
         """Apply what was changed and swim on for some updates of 0.05 s.
@@ -183,8 +183,9 @@ class LiveSwim:
         for _ in range(updates * UPDATE_STEPS // stride):
             if self.steps % interval == 0:
                 self._steer()
-            asked = scale_action(self.actions)
-            self._lanes.advance(self._servos.carry(asked, self._everyone), stride)
+            left, right, caudal = scale_action(self.actions).T
+            followed = self._robots.drive((left, right, caudal))
+            self._lanes.advance(np.stack(followed, axis=1), stride)
             self.steps += stride
             self.held += stride
             if self._lanes.diverged.any():
@@ -202,37 +203,32 @@ class LiveSwim:
         self.held = 0
 
     def _become(self) -> None:
-        """Give the robots what their faults, sizes and water make of them at present."""
-        faults = tuple(self.faults(robot) for robot in self._everyone.tolist())
-        key = (faults, self._sizes.tobytes(), self._current.tobytes())
-        if key != self._key:
-            self._key, self.robots = key, self._present()
-            self._lanes.update(self.robots)
-            self._sensors.update(self._everyone, Readings.of(self.robots))
-            now, dt = self.robots, TIMESTEP * self._stride
-            delays = delay_steps(now.servo_delay, dt)
-            self._servos.update(self._everyone, delays, now.servo_hold / dt)
+        """Let the robots be what they are from now on: by a fault's onset or end, or as edited."""
+        if self._is_edited:
+            self._robots.rewrite(self._scenario(), self.steps)
+        else:
+            changing = np.flatnonzero(self._robots.next_change == self.steps)
+            if not len(changing):
+                return
+            self._robots.change(changing)
+        self._is_edited = False
+        self._lanes.update(self.robots)
 
-    def _present(self) -> Scenario:
+    def _scenario(self) -> Scenario:
+        """Return the robots with all of their damage."""
         rows = (self.count, 1)
-        whole = Scenario.create(
+        intact = Scenario.create(
             np.tile(self._sizes, rows),
             fin_angles=self._angles,
             current=self._current,
             gyro_noise=self._noise,
         )
-        damages = [self.damage_now(robot) for robot in self._everyone.tolist()]
-        return edit_each(whole, damages, self._stride)
+        return edit_each(intact, self._damages, self._stride)
 
     def _observe(self) -> None:
         truth = observe(state_from_numbers(self.states))
         most = limits(observe_fins=False, has_goal=False)
-        self.observed = self._sensors.observe(truth, -most, most, self._rng, self._everyone)
-
-
-@cache  # ``edit_each`` edits robots of one damage together
-def _lasting(faults: tuple[Fault, ...]) -> Damage:
-    return Damage(tuple(replace(fault, onset=0.0, duration=None) for fault in faults))
+        self.observed = self._robots.sensors.observe(truth, -most, most, self._rng, self._everyone)
 
 
 def part_forces(robot: Scenario, state: Floats) -> Floats:

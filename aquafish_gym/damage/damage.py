@@ -11,20 +11,24 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import chain
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
+from aquafish_gym.damage.breaking import break_part, break_sizes
+from aquafish_gym.damage.draws import Draws, Parts, Spans, draw, make_stages, uniforms_of
+from aquafish_gym.damage.draws import ways_to_break as ways_to_break
 from aquafish_gym.damage.faults import Fault
-from aquafish_gym.damage.tiers import TIERS, Chance, Tier
-from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, Words, can_grow, needs_number
+from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM
 from aquafish_gym.morphology import FINS, SIZES, Morphology
-from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.stages import NEVER
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
-Parts = Mapping[str, Words]
+UNUSED = np.random.default_rng(0)  # the generator of a damage that draws nothing
 MAXIMUM_HOLD_STEPS = 10**6  # physics steps in a control step
 MAXIMUM_FAULTS = 100  # that one robot may have
 CHANCE_SCALES = 0.2, 0.9  # of what a size was, where any fin may break
@@ -135,7 +139,18 @@ class Damage:
         instance("parts", parts, Mapping)  # type: ignore[type-abstract]
         if not self.is_random:
             return self
-        return type(self)(tuple(chain.from_iterable(_sample(f, rng, parts) for f in self.faults)))
+        return type(self)(tuple(self.draw([rng], parts).faults(0)))
+
+    def draw(self, rngs: Sequence[np.random.Generator], parts: Parts = PARTS) -> Draws:
+        """Return the damages of P episodes as arrays; :meth:`sample` returns one of them.
+
+        Each of P generators draws one block of uniform numbers.
+        """
+        uniforms = np.empty((len(rngs), uniforms_of(self.faults)))
+        if uniforms.shape[1]:
+            for rng, row in zip(rngs, uniforms, strict=True):
+                rng.random(out=row)
+        return draw(self.faults, uniforms, parts)
 
     def check_onsets(self, seconds: float) -> None:
         """Raise InvalidArgumentError if a fault begins after an episode of ``seconds``."""
@@ -152,8 +167,9 @@ class Damage:
 
         ``dt`` is the length of a control step, s.
         """
-        for _, active in self.stages(dt):
-            _resized(morphology, active)
+        self._check_certain(timed=True)
+        intact = {"body": morphology.to_array()[None], "faults": np.zeros(1, np.int64)}
+        make_stages(self.draw([UNUSED]), dt, intact, _break_body)
 
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError if a delay, hold or growth fits no steps of ``dt`` s."""
@@ -162,12 +178,12 @@ class Damage:
             fault.check_steps(dt)
 
     def edit(self, scenario: Scenario, hold: int = 1) -> Scenario:
-        """Return a scenario with this damage: faults at the start, the others in its schedule.
+        """Return a scenario with this damage: faults at the start, and those that come later.
 
         Parameters
         ----------
         scenario
-            B robots without a schedule. All are damaged alike.
+            B robots without changes. All are damaged alike.
         hold
             Physics steps of 0.01 s in a control step. A fault holds in the control steps that begin
             at its onset or later, and in one at least.
@@ -175,47 +191,10 @@ class Damage:
         Raises
         ------
         InvalidArgumentError
-            If a fault does not fit a body, or is random, or the scenario has a schedule.
+            If a fault does not fit a body, or is random, or the scenario has changes.
         """
         instance("scenario", scenario, Scenario)
-        integer("hold", hold, 1, MAXIMUM_HOLD_STEPS)
-        if not self.faults:
-            return scenario
-        if scenario.schedule:
-            raise InvalidArgumentError(
-                "scenario must have no schedule yet, which its damage sets: put all faults of a "
-                f"robot into one Damage; got {scenario!r}"
-            )
-        rows = np.arange(len(scenario))
-        self.check_steps(TIMESTEP * hold)
-        (_, start), *later = (
-            (step, _break(scenario, active)) for step, active in self.stages(TIMESTEP * hold)
-        )
-        schedule = tuple(Change(step * hold, rows, stage) for step, stage in later)
-        return replace(start, schedule=schedule)
-
-    def stages(self, dt: float) -> list[tuple[int, tuple[Fault, ...]]]:
-        """Return the active faults at step 0, and at each later one where they begin or end.
-
-        Steps are of ``dt`` s. A fault holds in the steps that begin at its onset or later, and in
-        one at least. One that grows changes in each step until it has its full size.
-        InvalidArgumentError if an onset is random, or a growth takes too many steps.
-        """
-        positive("dt", dt)
-        spans = [(fault, *fault.steps(dt)) for fault in self.faults]
-
-        def active(now: int) -> tuple[Fault, ...]:
-            return tuple(
-                f.grown(now - first, dt)
-                for f, first, end in spans
-                if first <= now and (end is None or now < end)
-            )
-
-        changes = {step for _, *span in spans for step in span if step is not None}
-        for fault, first, end in spans:
-            grown = first + fault.growing_steps(dt)
-            changes |= set(range(first, grown if end is None else min(grown, end)))
-        return [(now, active(now)) for now in sorted({0, *changes})]
+        return edit_each(scenario, [self] * len(scenario), hold)
 
     def body(self, morphology: Morphology) -> Morphology:
         """Return a body with every fault of its fins, whenever they begin.
@@ -223,7 +202,12 @@ class Damage:
         InvalidArgumentError if a fault does not fit the body, or is random.
         """
         instance("morphology", morphology, Morphology)
-        return Morphology.from_array(_resized(morphology, self.faults))
+        self._check_certain()
+        sizes = morphology.to_array()[None]
+        for fault in self.faults:
+            number = np.nan if fault.number is None else fault.number
+            _break_body({"body": sizes}, slice(None), fault.part, fault.word, number)
+        return Morphology.from_array(sizes[0])
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return :meth:`body`; InvalidArgumentError if something else is broken, or not always."""
@@ -243,6 +227,12 @@ class Damage:
             parts[0 if lasting else 1].append(fault)
         return type(self)(tuple(parts[0])), type(self)(tuple(parts[1]))
 
+    def _check_certain(self, timed: bool = False) -> None:
+        for fault in self.faults:
+            fault.check_certain()
+            if timed:
+                _ = fault.span  # raises if it is random
+
     def __iter__(self) -> Iterator[Fault]:
         return iter(self.faults)
 
@@ -261,72 +251,67 @@ class Damage:
         return listed
 
 
-def edit_each(scenario: Scenario, damages: Sequence[Damage], hold: int = 1) -> Scenario:
+def edit_each(
+    scenario: Scenario,
+    damages: Sequence[Damage],
+    hold: int = 1,
+    rngs: Sequence[np.random.Generator] | None = None,
+) -> Scenario:
     """Return a scenario in which robot i has ``damages[i]``; see :meth:`Damage.edit`.
 
-    Robots with the same ``Damage`` object are edited together.
+    With ``rngs``, a generator for each robot, random damages are drawn.
     """
+    integer("hold", hold, 1, MAXIMUM_HOLD_STEPS)
     alike: dict[int, list[int]] = {}
     for i, damage in enumerate(damages):
         alike.setdefault(id(damage), []).append(i)
-    if len(alike) == 1:
-        return damages[0].edit(scenario, hold)
-    edited = [damages[rows[0]].edit(scenario.take(rows), hold) for rows in alike.values()]
-    return Scenario.concatenate(edited).take(np.argsort(np.concatenate([*alike.values()])))
+    distinct = [damages[rows[0]] for rows in alike.values()]
+    if not any(damage.faults for damage in distinct):
+        return scenario
+    if len(scenario.until) > len(scenario):
+        raise InvalidArgumentError(
+            "scenario must have no changes yet, which its damage sets: put all faults of a "
+            f"robot into one Damage; got {scenario!r}"
+        )
+    drawn = []
+    for damage, rows in zip(distinct, alike.values(), strict=True):
+        damage.check_steps(TIMESTEP * hold)
+        if rngs is None:
+            damage._check_certain(timed=True)
+        drawn.append(damage.draw([UNUSED if rngs is None else rngs[i] for i in rows]))
+    draws = Draws.join(drawn, np.argsort(np.concatenate([*alike.values()])))
+    stages = make_stages(draws, TIMESTEP * hold, scenario.columns(), break_part)
+    found = scenario.with_stages(
+        stages._replace(
+            since=stages.since * hold,
+            until=np.where(stages.until == NEVER, NEVER, stages.until * hold),
+            stride=hold,
+        )
+    )
+    return replace(found, fin_angles=_first_angles(scenario.fin_angles, draws, TIMESTEP * hold))
 
 
-def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scenario:
-    """Return a scenario in which faults are active from the start."""
-    broken = scenario.copy()
-    for fault in faults:
-        fault.edit(broken)
-    broken.faults[:] += len(faults)
-    return broken
-
-
-def _resized(morphology: Morphology, faults: Sequence[Fault]) -> Floats:
-    """Return the sizes (9,) of a body with the faults of its fins."""
-    body = morphology.to_array()[None]
-    for fault in faults:
-        fault.edit_sizes(body)
-    sizes: Floats = body[0]
-    return sizes
-
-
-def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]:
-    """Return a fault with its onset drawn; of a tier, faults of different parts that begin then."""
-    onset = fault.onset
-    if isinstance(onset, tuple):
-        onset = float(rng.uniform(*onset))
-    if fault.part != RANDOM:
-        return [replace(fault, onset=onset)]
-    tier = TIERS[fault.word]
-    whole = dict(parts)
-    found = []
-    for _ in range(tier.parts):
-        ways = ways_to_break(tier, whole)
-        if not ways:
-            break
-        weights = np.array([chance.weight for chance, _ in ways])
-        if len(ways) < len(tier.chances):
-            weights /= weights.sum()
-        chance, fitting = ways[rng.choice(len(ways), p=weights)]
-        word, part = chance.word, str(rng.choice(fitting))
-        number = float(rng.uniform(chance.low, chance.high))
-        number *= int(rng.choice((-1, 1))) if word == "bias" else 1
-        taken = number if needs_number(whole.pop(part)[word]) else None
-        grows = fault.growth if can_grow(word, parts[part][word]) else None
-        found.append(replace(fault, part=part, word=word, number=taken, onset=onset, growth=grows))
+def _first_angles(angles: Floats, draws: Draws, dt: float) -> Floats:
+    """Return where fins (P, 3) begin: those of dead servos anywhere, which is NaN."""
+    found = angles.copy()
+    active = Spans.of(draws, dt).first == 0
+    for kind, (part, word) in enumerate(draws.kinds):
+        if word not in ("seized", "dead") or part not in FINS:
+            continue
+        for i in range(draws.kind.shape[1]):
+            rows = np.flatnonzero(active[:, i] & (draws.kind[:, i] == kind))
+            number = draws.number[rows, i]
+            kept = found[rows, FINS.index(part)]
+            held = np.where(np.isnan(number), kept, number)
+            found[rows, FINS.index(part)] = np.nan if word == "dead" else held
     return found
 
 
-def ways_to_break(tier: Tier, parts: Parts) -> list[tuple[Chance, list[str]]]:
-    """Return a tier's chances that fit any of the parts, each with those it fits."""
-    fitting = (
-        [part for part in parts if chance.word in parts[part] and part in (chance.parts or parts)]
-        for chance in tier.chances
-    )
-    return [(chance, fits) for chance, fits in zip(tier.chances, fitting, strict=True) if fits]
+def _break_body(
+    columns: Mapping[str, NDArray[Any]], rows: Any, part: str, word: str, number: Any
+) -> None:
+    if part in FINS:
+        break_sizes(columns["body"], rows, part, word, number)
 
 
 def is_list_of_faults(value: object) -> bool:

@@ -1,21 +1,17 @@
-"""One fault: a word about a part, and how it edits a scenario.
+"""One fault: a word about a part, and when.
 
-``aquafish_gym.damage.words`` has the words.
+``aquafish_gym.damage.words`` has the words, and ``aquafish_gym.damage.breaking`` what they change.
 """
 
 from __future__ import annotations
 
-import math
 import re
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aquafish_gym.damage.delays import MAXIMUM_DELAY_STEPS, STEP_ROUNDING
-from aquafish_gym.damage.sensors import GYRO_CHANNELS, Readings, break_link, break_sensor
 from aquafish_gym.damage.tiers import TIERS, Tier
+from aquafish_gym.damage.transmit import MAXIMUM_DELAY_STEPS, STEP_ROUNDING
 from aquafish_gym.damage.words import (
     BODY_WORDS,
     CHANNEL_WORDS,
@@ -28,9 +24,7 @@ from aquafish_gym.damage.words import (
     can_grow,
     needs_number,
 )
-from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
-from aquafish_gym.scenario import CHANNELS, Scenario
-from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.morphology import FINS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -39,8 +33,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-MAXIMUM_GROWTH_STEPS = 1000  # in each, the robot changes
-_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
+MAXIMUM_GROWTH_STEPS = 1000  # two faults of one number change it in each of them
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
 
@@ -87,7 +80,7 @@ class Fault:
     growth: float | None = None
 
     def __post_init__(self) -> None:
-        words = _words(self.part)
+        words = words_of(self.part)
         wanted = words[one_of("damage", self.word, words)]
         name = f"damage {self.part}:{self.word}"
         if self.part == RANDOM:
@@ -154,37 +147,6 @@ class Fault:
             )
         return self.onset, self.onset + (np.inf if self.duration is None else self.duration)
 
-    def steps(self, dt: float) -> tuple[int, int | None]:
-        """Return the first step of ``dt`` s that it affects, and the first one after it, if any."""
-        onset, end = self.span
-        first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
-        return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
-
-    def growing_steps(self, dt: float) -> int:
-        """Return how many steps of ``dt`` s it takes to grow, the last of them at its full size.
-
-        InvalidArgumentError if it takes too many.
-        """
-        if self.growth is None:
-            return 1
-        if self.growth / dt > MAXIMUM_GROWTH_STEPS:
-            raise InvalidArgumentError(
-                f"damage {self} must grow within {MAXIMUM_GROWTH_STEPS} steps of {dt:g} s; "
-                f"got {self.growth:g} s"
-            )
-        return max(1, math.ceil(self.growth / dt - STEP_ROUNDING))
-
-    def grown(self, steps: int, dt: float) -> Fault:
-        """Return the fault as it is in its step number ``steps``, from 0, of ``dt`` s."""
-        if self.growth is None:
-            return self
-        share = min(1.0, (steps + 1) * dt / self.growth)
-        wanted = _words(self.part)[self.word]
-        if share == 1.0 or self.number is None or wanted is None or wanted.neutral is None:
-            return replace(self, growth=None)
-        number = wanted.neutral + share * (self.number - wanted.neutral)
-        return replace(self, number=number, growth=None)
-
     @property
     def is_timed(self) -> bool:
         """Whether it takes the length of a step to say what it does."""
@@ -193,7 +155,11 @@ class Fault:
 
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError for a delay, hold or growth that fits no steps of ``dt`` s."""
-        self.growing_steps(dt)
+        if self.growth is not None and self.growth / dt > MAXIMUM_GROWTH_STEPS:
+            raise InvalidArgumentError(
+                f"damage {self} must grow within {MAXIMUM_GROWTH_STEPS} steps of {dt:g} s; "
+                f"got {self.growth:g} s"
+            )
         if self.word not in ("delay", "hold") or self.number is None:
             return
         steps, wanted = self.number / dt, f"at least a step, {dt:g} s"
@@ -209,41 +175,17 @@ class Fault:
             )
 
     @property
-    def channels(self) -> tuple[str, slice] | None:
-        """Of a fault of channels: "action" or "observation", and which of them; else None."""
-        found = _CHANNEL.fullmatch(self.part)
-        if found is None:
-            return None
-        side, first, last = found.groups()
-        return side, slice(None) if first is None else slice(int(first), int(last or first) + 1)
+    def is_of_channels(self) -> bool:
+        """Whether it is of an environment's channels, and none of the fish."""
+        return _CHANNEL.fullmatch(self.part) is not None
 
-    def edit(self, robots: Scenario) -> None:
-        """Break robots, in place; InvalidArgumentError if it is random or does not fit them."""
-        self._check_certain()
-        number = 0.0 if self.number is None else self.number
-        if self.part in FINS:
-            break_fin(robots, self.part, self.word, number)
-            if self.word == "seized" and self.number is not None:
-                robots.fin_angles[:, FINS.index(self.part)] = number
-        else:
-            # Its tables are the robots' own, but for noise, which all axes of the gyro share.
-            sensors = Readings.of(robots)._replace(noise=robots.gyro_noise[:, None])
-            channels = GYRO_CHANNELS if self.part == "gyro" else CHANNELS.index(self.part)
-            break_sensor(sensors, 0 if self.word == "noise" else channels, self.word, number)
-
-    def edit_sizes(self, body: Floats) -> None:
-        """Break the sizes of bodies (B, 9) alone, in place; errors as of :meth:`edit`."""
-        self._check_certain()
-        if self.part in FINS:
-            break_sizes(body, self.part, self.word, 0.0 if self.number is None else self.number)
-
-    def _check_certain(self) -> None:
+    def check_certain(self) -> None:
         """Raise InvalidArgumentError where it is random, or is none of a robot's."""
         if self.part == RANDOM:
             raise InvalidArgumentError(
                 f"damage {self} is left to chance: sample it first (Damage.sample)"
             )
-        if self.channels is not None:
+        if self.is_of_channels:
             raise InvalidArgumentError(
                 f"damage {self} is of an environment's channels: give it to FaultWrapper"
             )
@@ -257,7 +199,7 @@ class Fault:
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")
 
 
-def _words(part: object) -> Words:
+def words_of(part: object) -> Words:
     """Return the words about a part; UnknownNameError if there is no such part."""
     part = instance("damage part", part, str)
     if part == RANDOM:
@@ -279,10 +221,22 @@ def _words(part: object) -> Words:
     return PARTS[one_of("damage part", part, (*PARTS, RANDOM, *CHANNEL_WORDS))]
 
 
+def channels_of(part: str) -> tuple[str, slice]:
+    """Return "action" or "observation", and which channels of that side a part is.
+
+    InvalidArgumentError if it is a part of the fish.
+    """
+    found = _CHANNEL.fullmatch(part)
+    if found is None:
+        raise InvalidArgumentError(f"damage part must be of actions or observations; got {part!r}")
+    side, first, last = found.groups()
+    return side, slice(None) if first is None else slice(int(first), int(last or first) + 1)
+
+
 def _check_tier(name: str, tier: Tier) -> None:
     """Raise InvalidArgumentError if a tier, such as a user's, has a fault that no part can have."""
     for chance in tier.chances:
-        tables = [_words(part) for part in chance.parts or (*PARTS, *CHANNEL_WORDS)]
+        tables = [words_of(part) for part in chance.parts or (*PARTS, *CHANNEL_WORDS)]
         known = dict.fromkeys(word for words in tables for word in words)
         one_of(f"the word of {name}", chance.word, known)
         numbers = [words[chance.word] for words in tables if chance.word in words]
@@ -292,61 +246,3 @@ def _check_tier(name: str, tier: Tier) -> None:
                 f"the number of {chance.word} in {name} must be from a low to a high in "
                 f"[{ranges[0].low:g}, {ranges[0].high:g}]; got {chance.low:g} to {chance.high:g}"
             )
-
-
-def break_servo(
-    gain: NDArray[np.float64], servos: Any, word: str, number: float | NDArray[np.float64]
-) -> None:
-    """Break the servos that an index or a slice selects of (B, n) gains, in place."""
-    match word:
-        case "weak" | "scale":
-            gain[:, servos] *= number
-        case "reversed":
-            gain[:, servos] *= -1.0
-        case "seized" | "dead":
-            gain[:, servos] = 0.0
-
-
-def break_fin(
-    robots: Scenario, part: str, word: str, number: float | NDArray[np.float64] = 0.0
-) -> None:
-    """Break a fin of robots, in place; ``number`` is one for all or (B,).
-
-    InvalidArgumentError if a size would exceed its maximum.
-    """
-    fin = FINS.index(part)
-    match word:
-        case "delay" | "hold":
-            break_link(robots.servo_delay, robots.servo_hold, fin, word, number)
-        case "weak" | "scale" | "reversed" | "seized" | "dead":
-            break_servo(robots.servo_gain, fin, word, number)
-            if word == "dead":
-                robots.fin_angles[:, fin] = np.nan  # random at the start
-        case _:
-            break_sizes(robots.body, part, word, number)
-
-
-def break_sizes(
-    body: Floats, part: str, word: str, number: float | NDArray[np.float64] = 0.0
-) -> None:
-    """Break the sizes of a fin of bodies (B, 9), in place; other words than of sizes do nothing.
-
-    ``number`` is one for all or (B,). InvalidArgumentError if a size would exceed its maximum.
-    """
-    match word:
-        case "missing":
-            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
-        case "entangled":
-            column = _COLUMNS[part, "width"]
-            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
-        case _ if word in SIZES:
-            column = _COLUMNS[part, word]
-            dimension = DIMENSIONS[column]
-            with np.errstate(over="ignore"):
-                body[:, column] *= number
-            largest = body[:, column].max(initial=0.0)
-            if largest > dimension.maximum:  # to clip it would be another fault than was asked for
-                raise InvalidArgumentError(
-                    f"damage {part}:{word}={number!r} would make {dimension.name} {largest:g}; "
-                    f"it must lie in [0, {dimension.maximum:g}]"
-                )

@@ -14,10 +14,10 @@ Engines have the same verbs for one robot (:class:`World`) as for B (:class:`Swi
 
 Servos follow the command that was given ``servo_lag`` seconds before, and the command was 0 before
 the first one; :func:`~aquafish_gym.command.late_command` says how fast they turn in a step. A lag
-that changes in mid-swim is no longer than the longest one of the scenario, its schedule included,
+that changes in mid-swim is no longer than the longest one of the scenario, its changes included,
 with which the robot started: no earlier commands are remembered.
 
-Otherwise a scenario's schedule is for the caller, and so are the faults of its sensors.
+Otherwise a scenario's changes are for the caller, and so are the faults of its sensors.
 """
 
 from __future__ import annotations
@@ -73,8 +73,9 @@ class World(ABC):
         self._longest_lag = longest_lags(scenario).item()
         count = remembered_steps(self._longest_lag)
         self._given = deque([STILL] * count, count) if self._longest_lag else None
-        self._set_lag(scenario)
-        self._start(scenario)
+        robot = scenario.beginning
+        self._set_lag(robot)
+        self._start(robot)
 
     def update(self, scenario: Scenario) -> None:
         """Give the robot the body, the drag, the water and the servos of a scenario in mid-swim.
@@ -199,10 +200,7 @@ def diverged_states(states: Reals) -> Flags:
 
 def longest_lags(scenario: Scenario) -> Floats:
     """Return the longest lag (B,) that each robot of a scenario ever has, s."""
-    longest = scenario.servo_lag
-    for _, rows, to in scenario.schedule:
-        longest = longest.copy()
-        longest[rows] = np.maximum(longest[rows], to.servo_lag)
+    longest: Floats = np.maximum.reduceat(scenario.servo_lag, scenario.first)
     return longest
 
 

@@ -52,6 +52,8 @@ def with_options(
     configs: list[EpisodeConfig], options: Mapping[str, Any], rows: Rows
 ) -> list[EpisodeConfig]:
     """Return the configurations of the robots ``rows`` with options, for all or one for each."""
+    if not options:
+        return [configs[i] for i in rows.tolist()]
     each = {name: of_each(name, value, len(configs)) for name, value in options.items()}
     made: dict[tuple[int, ...], EpisodeConfig] = {}
     found = []

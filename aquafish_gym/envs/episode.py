@@ -18,7 +18,7 @@ from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.specification import FishSpec, read_class
 from aquafish_gym.envs.tasks import Task, check_task
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Triple
@@ -123,7 +123,7 @@ def begin_episodes(
     hold: int,
     reactive: bool = False,
 ) -> tuple[Scenario, Floats]:
-    """Return a scenario of n robots, schedule included, and their tasks' memories (n, M).
+    """Return a scenario of n robots, changes included, and their tasks' memories (n, M).
 
     Each robot draws its fin angles, then its task's memory, then its damage: a seed gives the same
     task with and without damage. ``hold`` is how many steps of 0.01 s an action is held.
@@ -132,21 +132,23 @@ def begin_episodes(
     numbers: dict[int, int] = {}
     which = [numbers.setdefault(id(config), len(numbers)) for config in configs]
     distinct = [configs[which.index(i)] for i in range(len(numbers))]
-    random = [isinstance(config.fin_angles, str) for config in distinct]
-    drawn = [config.damage.is_random for config in distinct]
-    angles = np.empty((len(configs), 3))
+    random = np.array([isinstance(config.fin_angles, str) for config in distinct])[which]
+    angles = np.empty((len(configs), len(FINS)))
     memories = []
-    damages = []
-    for row, i, config, rng in zip(angles, which, configs, rngs, strict=True):
-        row[:] = rng.uniform(-math.pi, math.pi, 3) if random[i] else config.fin_angles
+    for row, is_random, config, rng in zip(angles, random.tolist(), configs, rngs, strict=True):
+        if is_random:
+            rng.random(out=row)  # several times faster than rng.uniform, to the same bits
+        else:
+            row[:] = config.fin_angles
         memories.append(config.task.begin(rng))
-        damages.append(config.damage.sample(rng) if drawn[i] else config.damage)
+    angles[random] = -math.pi + 2.0 * math.pi * angles[random]
     fields = {
         "body": np.array([config.morphology.to_array() for config in distinct])[which],
         "fin_angles": angles,
         "current": np.array([config.current for config in distinct])[which],
     }
-    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold).draw_angles(rngs)
+    damages = [config.damage for config in configs]
+    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold, rngs).draw_angles(rngs)
     return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
 
 

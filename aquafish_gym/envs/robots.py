@@ -1,57 +1,25 @@
-"""Robots as they are at present: their scenario, sensors and servos, and the changes to come.
+"""Robots as they are at present: the rows of their tables, and their sensors and servos.
 
-Environments and rollouts of one robot play a scenario's schedule with :class:`Robots`. One robot
-with its world is :class:`OneRobot`.
+Environments and rollouts of one robot play their scenarios with :class:`Robots`. One robot with its
+world is :class:`OneRobot`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
-from aquafish_gym.damage.sensors import ONLY_ROBOT, Readings, Sensors
+from aquafish_gym.damage.sensors import ONLY_ROBOT, sensor_columns, servo_columns
+from aquafish_gym.damage.side import Side
 from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.scenario import LATE_FIELDS, TIMESTEP, Scenario
+from aquafish_gym.scenario import CHANNELS, LATE_FIELDS, STARTS, TIMESTEP, Scenario
+from aquafish_gym.stages import NEVER, Slots
 from aquafish_gym.utils.array_types import Floats, Rows
-
-NO_CHANGE_STEP = 2**62
-
-
-class Schedule:
-    """The changes to come of each of B robots.
-
-    Attributes
-    ----------
-    next_change
-        (B,) the step at which each robot changes next; ``NO_CHANGE_STEP`` if it does not.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.next_change = np.full(count, NO_CHANGE_STEP)
-        self._changes: list[list[tuple[int, Any]]] = [[] for _ in range(count)]
-
-    def clear(self, rows: Rows) -> None:
-        """Forget the changes of the robots ``rows`` (n,)."""
-        self.next_change[rows] = NO_CHANGE_STEP
-        for robot in rows.tolist():
-            self._changes[robot] = []
-
-    def add(self, robot: int, step: int, change: Any) -> None:
-        """Add a change of a robot at a step after those of its other changes."""
-        self._changes[robot].append((step, change))
-        self.next_change[robot] = self._changes[robot][0][0]
-
-    def pop(self, robot: int) -> Any:
-        """Return a robot's next change, which has come."""
-        changes = self._changes[robot]
-        _, change = changes.pop(0)
-        self.next_change[robot] = changes[0][0] if changes else NO_CHANGE_STEP
-        return change
 
 
 class Robots:
@@ -67,6 +35,8 @@ class Robots:
         Whether a channel may become late, slow or scaled.
     dtype
         Of the observations.
+    history
+        For how many s actions and readings are kept, for a delay that :meth:`rewrite` brings.
 
     Attributes
     ----------
@@ -80,63 +50,66 @@ class Robots:
     """
 
     def __init__(
-        self, scenario: Scenario, hold: int, late: bool = False, dtype: Any = np.float32
+        self,
+        scenario: Scenario,
+        hold: int,
+        late: bool = False,
+        dtype: Any = np.float32,
+        history: float = 0.0,
     ) -> None:
         self.late = late
-        self.now = scenario.copy()
+        self.now = scenario.beginning.copy()
         self._dt = TIMESTEP * hold
-        self.sensors = Sensors(len(scenario), dtype, dt=self._dt)
-        self._servos = DelayLines(len(scenario), 3, first=np.zeros(3))
-        self._schedule = Schedule(len(scenario))
+        self.sensors = Side(len(scenario), len(CHANNELS), self._dt, dtype)
+        self._servos = Side(len(scenario), len(FINS), self._dt, first=0.0)
+        self.sensors.remember(history)
+        self._servos.remember(history)
+        self._slots = Slots(self.now.stages)
 
     @property
-    def next_change(self) -> NDArray[np.int64]:
+    def next_change(self) -> Rows:
         """(B,) the step of 0.01 s at which each robot changes next; not a copy."""
-        return self._schedule.next_change
+        return self._slots.next_change
 
     def start(self, rows: Rows, scenario: Scenario) -> None:
         """Let the robots ``rows`` (n,) begin a scenario of n."""
-        self._schedule.clear(rows)
-        self.sensors.reset(rows)
-        self._servos.reset(rows)
-        for stage in scenario.stages():
-            self.late = self.late or stage.is_late
-            self.sensors.remember(stage.sensor_delay)
-            self._servos.remember(longest(stage.servo_delay, self._dt))
-        for step, changed, to in scenario.schedule:
-            for i, robot in enumerate(rows[changed].tolist()):
-                self._schedule.add(robot, step, (to, i))
-        self._set(rows, scenario)
+        self.sensors.start(rows)
+        self._servos.start(rows)
+        for name in STARTS:
+            vars(self.now)[name][rows] = vars(scenario)[name]
+        self._play(rows, scenario, 0)
+
+    def rewrite(self, scenario: Scenario, step: int) -> None:
+        """Let all robots go on from a step of 0.01 s as another scenario says."""
+        self._play(np.arange(len(scenario)), scenario, step)
+
+    def _play(self, rows: Rows, scenario: Scenario, step: int) -> None:
+        self.late = self.late or scenario.is_late
+        self.sensors.remember(scenario.sensor_delay)
+        self._servos.remember(scenario.servo_delay)
+        self._set(rows, self._slots.begin(rows, scenario.stages, step))
 
     def change(self, rows: Rows) -> None:
-        """Let the robots ``rows`` (n,) change as their schedules say next."""
-        together: dict[int, tuple[Scenario, list[int], list[int]]] = {}
-        for robot in rows.tolist():
-            to, i = self._schedule.pop(robot)
-            _, robots, sources = together.setdefault(id(to), (to, [], []))
-            robots.append(robot)
-            sources.append(i)
-        for to, robots, sources in together.values():
-            self._set(np.array(robots), to.take(sources))
+        """Let the robots ``rows`` (n,), whose next change has come, change."""
+        self._set(rows, self._slots.move(rows))
 
-    def _set(self, rows: Rows, scenario: Scenario) -> None:
-        for name, table in self.now.arrays().items():
-            table[rows] = vars(scenario)[name]
-        self.sensors.update(rows, Readings.of(scenario))
-        delays = delay_steps(scenario.servo_delay, self._dt)
-        self._servos.update(rows, delays, scenario.servo_hold / self._dt)
+    def _set(self, rows: Rows, fields: Mapping[str, NDArray[Any]]) -> None:
+        for name, values in fields.items():
+            vars(self.now)[name][rows] = values
+        self.sensors.update(rows, sensor_columns(fields))
+        self._servos.update(rows, servo_columns(fields))
 
     @property
     def acts_late(self) -> bool:
         """Whether servos may follow earlier actions than the last."""
-        return self._servos.active
+        return self._servos.remembers
 
     def drive(self, speeds: Vector) -> Vector:
         """Return the speeds that servos follow in this step, which may be those of earlier ones.
 
         Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
         """
-        if not self._servos.active:
+        if not self._servos.remembers:
             return speeds
         asked = np.reshape(np.array(speeds, np.float64), (3, -1)).T
         left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
@@ -187,7 +160,7 @@ class OneRobot:
         self.world: World | None = None  #: From :meth:`start` to :meth:`close`.
         self._engine = engine
         self._substeps = substeps
-        self._next_change = NO_CHANGE_STEP
+        self._next_change = NEVER
 
     def start(self, scenario: Scenario) -> World:
         """Begin a scenario of one robot, and return its world."""
@@ -200,7 +173,7 @@ class OneRobot:
         return self.world
 
     def change(self, step: int) -> bool:
-        """Change as the schedule says for a step of 0.01 s; return whether anything did."""
+        """Change if the step of 0.01 s of the next change has come; return whether it had."""
         if step != self._next_change or self.world is None:
             return False
         self.robots.change(ONLY_ROBOT)

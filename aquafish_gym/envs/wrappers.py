@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.sensors import ONLY_ROBOT
 from aquafish_gym.damage.words import LONGEST_SECONDS, SHORTEST_SECONDS
-from aquafish_gym.envs.array_channels import ArrayChannels
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
 from aquafish_gym.envs.episode import Setting, check_options
-from aquafish_gym.utils.array_types import Info, Rows
+from aquafish_gym.envs.fault_episodes import HostFaults, device_player
+from aquafish_gym.envs.fault_player import FaultPlayer
+from aquafish_gym.utils.array_types import Info
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -49,7 +50,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
     ``action_seized`` in an action's shape, ``observation_noise``, ``observation_bias`` and
     ``observation_lost`` (stuck or dropped) in an observation's; with late, slow or scaled channels
     also ``action_scale``, ``action_delay``, ``action_hold`` (s) and the same of ``observation``.
-    Random faults and noise are drawn from the environment's ``np_random``.
+    Random faults and noise are drawn from streams of their own, which the seed of ``reset`` begins.
 
     Parameters
     ----------
@@ -89,8 +90,9 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         gym.Wrapper.__init__(self, instance("env", env, gym.Env))
         _refuse_twice(env)
         spaces = env.action_space, env.observation_space
-        self._channels = Channels(1, *spaces, _time_step(env, dt), _last_step(env), neutral)
+        self._channels = Channels(*spaces, _time_step(env, dt), _last_step(env), neutral)
         self._damage = self._channels.check(damage)
+        self._faults = HostFaults(self._channels, 1)
         # As gym.make reads it back from a specification in JSON.
         step, plain = (None if one is None else np.asarray(one).tolist() for one in (dt, neutral))
         RecordConstructorArgs.__init__(self, damage=str(self._damage), dt=step, neutral=plain)
@@ -103,26 +105,29 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         given = check_options(options)
         damage = self._channels.check(given.pop("damage", self._damage))
         observation, info = self.env.reset(seed=seed, options=given or None)
-        self._channels.start(ONLY_ROBOT, [damage.sample(self.np_random, self._channels.parts)])
+        self._faults.streams.seed([seed])
+        self._faults.load(ONLY_ROBOT, [damage])
+        self._faults.player.begin(self._faults.player.everyone)
         return self._observe(observation), self._with_truth(info)
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, Info]:
         """Take a step with broken actuators, and observe it with broken sensors."""
         asked = finite_array("action", action, self._channels.action.shape)
-        done = self._channels.act(asked[None])
+        batch = asked[None]
+        done = self._faults.player.act(batch)
         observation, reward, terminated, truncated, info = self.env.step(
-            action if done is None else done.reshape(asked.shape)
+            action if done is batch else done.reshape(asked.shape)
         )
-        self._channels.advance()
+        self._faults.player.advance()
         return self._observe(observation), reward, terminated, truncated, self._with_truth(info)
 
     def _observe(self, observation: Array) -> Array:
         batch = np.asarray(observation)[None]
-        seen: Array = self._channels.observe(batch, [self.np_random], ONLY_ROBOT)
+        seen: Array = self._faults.player.observe(batch)
         return observation if seen is batch else seen.reshape(self._channels.observation.shape)
 
     def _with_truth(self, info: Info) -> Info:
-        truth = {name: rows[0] for name, rows in self._channels.truth().items()}
+        truth = {name: rows[0] for name, rows in self._faults.player.truth().items()}
         return info | truth | {"faults": int(truth["faults"]) + info.get("faults", 0)}
 
 
@@ -130,13 +135,14 @@ class VectorFaultWrapper(_VectorWrapper):
     """:class:`FaultWrapper` for vector environments, in any autoreset mode.
 
     ``damage`` is one for all environments or a list of one for each, also in ``options``. Keys of
-    ``info`` have masks, and ``final_obs`` is what sensors observed. Random faults and noise are
-    drawn from one generator for all, seeded by ``reset``; so they are not a single environment's.
+    ``info`` have masks, and ``final_obs`` is what sensors observed. Seeded with a number s, robot i
+    has the random faults and the noise of a single environment that is seeded with s + i.
 
     Environments may step arrays (B, ...) of PyTorch, JAX or CuPy, on any device. Nothing is then
     copied from the device or waited for, and ``info`` has arrays there, which must not be written
     to. Actions that are not finite are not refused. Episodes of random damage are drawn by the
-    thousand when all environments are reset. ``final_obs``, if there is one, is an array (B, ...).
+    thousand when all environments are reset, and noise is drawn for all at once: they are not those
+    of single environments. ``final_obs``, if there is one, is an array (B, ...).
 
     Parameters
     ----------
@@ -171,14 +177,13 @@ class VectorFaultWrapper(_VectorWrapper):
             raise InvalidArgumentError('env must state its metadata["autoreset_mode"]; got none')
         self._mode = AutoresetMode(env.metadata["autoreset_mode"])
         count, spaces = self.num_envs, (env.single_action_space, env.single_observation_space)
-        self._channels = Channels(count, *spaces, _time_step(env, dt), _last_step(env), neutral)
+        self._channels = Channels(*spaces, _time_step(env, dt), _last_step(env), neutral)
         self._last_steps = _last_steps(env)
         self._damages = self._check(damage)
-        self._everyone = np.arange(count)
-        self._over = np.zeros(count, np.bool_)  # whose episode ended in the last step
-        self._rng = np.random.default_rng()
-        self._arrays: ArrayChannels | None = None  # of another library than NumPy
-        self._ended: Any = None  # as ``_over``, of arrays
+        self._host: HostFaults | None = HostFaults(self._channels, count)  # None on a device
+        self._player: FaultPlayer = self._host.player
+        self._rng = np.random.default_rng()  # of the episodes on a device
+        self._ended: Any = None  # a mask (B,) of those whose episode ended in the last step
         space = self._channels.observation
         self._seen: Any = np.zeros((count, *space.shape), space.dtype)
 
@@ -205,113 +210,117 @@ class VectorFaultWrapper(_VectorWrapper):
             own = [one for one in (seeds[:1] if np.ndim(seed) == 0 else seeds) if one is not None]  # type: ignore[arg-type]
             self._rng = np.random.default_rng(np.random.SeedSequence(own or None).spawn(1)[0])
         if not isinstance(observations, np.ndarray):
-            return self._reset_arrays(observations, info, damages, mask)
-        mask = self._everyone >= 0 if mask is None else np.array(mask)
-        rows = np.flatnonzero(mask)
-        self._arrays = None
-        self._seen = self._seen.copy()
-        self._seen[rows] = self._begin(rows, damages, observations)
-        self._over[rows] = False
-        return self._seen.copy(), self._with_truth(info, mask)
+            return self._reset_device(observations, info, damages, mask)
+        if self._host is None:
+            self._host = HostFaults(self._channels, self.num_envs)
+            self._player = self._host.player
+        self._host.streams.seed(seeds)
+        began = np.ones(self.num_envs, np.bool_) if mask is None else np.array(mask)
+        self._host.load(np.flatnonzero(began), damages)
+        self._player.begin(began)
+        return self._first(observations, info, began, mask is None)
 
-    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Info]:
-        """Take a step with broken actuators, and observe it with broken sensors."""
-        shape = (self.num_envs, *self._channels.action.shape)
-        if self._arrays is not None:
-            return self._step_arrays(self._arrays, actions, shape)
-        done = self._channels.act(finite_array("actions", actions, shape))
-        observations, rewards, terminations, truncations, info = self.env.step(
-            actions if done is None else done
-        )
-        ended, same_step = terminations | truncations, self._mode is AutoresetMode.SAME_STEP
-        begins = ended if same_step else self._over & (self._mode is AutoresetMode.NEXT_STEP)
-        rows, last = np.flatnonzero(begins), observations.copy()
-        for i in rows.tolist() if same_step else ():
-            last[i] = info["final_obs"][i]
-        self._channels.advance()
-        seen = self._channels.observe(last, self._rng, self._everyone)
-        if same_step and len(rows):
-            final = info["final_obs"].copy()
-            for i in rows.tolist():
-                final[i] = seen[i].copy()
-            of_last = self._with_truth(info.get("final_info", {}), begins)
-            info = info | {"final_obs": final, "final_info": of_last}
-        if len(rows):
-            seen[rows] = self._begin(rows, self._damages, observations)
-        self._over, self._seen = ended, seen
-        return seen.copy(), rewards, terminations, truncations, self._with_truth(info)
-
-    def _reset_arrays(
+    def _reset_device(
         self, observations: Any, info: Info, damages: list[Damage], mask: Any
     ) -> tuple[Any, Info]:
         """Begin episodes of an environment that steps arrays of another library than NumPy."""
-        if mask is None or self._arrays is None:
-            self._arrays = ArrayChannels(
+        if mask is None or self._host is not None:
+            self._host = None
+            self._player = device_player(
                 self._channels, self._damages, damages, observations, self._rng
             )
-            began, self._ended = self._arrays.everyone, None
-            seen = self._arrays.observe(observations)
-        elif damages is not self._damages:
+            return self._first(observations, info, self._player.everyone, True)
+        if damages is not self._damages:
             raise InvalidArgumentError(
                 'options["damage"] must be given without a "reset_mask" where environments step '
                 "arrays on a device; reset all of them"
             )
-        else:
-            began = self._arrays.mask(mask)
-            self._arrays.begin(began)
-            seen = self._arrays.observe(observations, began)
-            seen = self._arrays.choose(began, seen, self._seen)
-            if self._ended is not None:
-                self._ended = self._ended & ~began
-        self._seen = self._arrays.copy(seen)
-        return seen, self._with_arrays(self._arrays, info, began)
+        began = self._player.mask(mask)
+        self._player.begin(began)
+        return self._first(observations, info, began, False)
 
-    def _step_arrays(
-        self, channels: ArrayChannels, actions: Any, shape: tuple[int, ...]
-    ) -> tuple[Any, Any, Any, Any, Info]:
-        """Take a step with arrays; nothing on their device is waited for."""
+    def _first(self, observations: Any, info: Info, began: Any, all_of: bool) -> tuple[Any, Info]:
+        """Observe the first step of those that began an episode."""
+        if all_of:
+            seen, self._ended = self._player.observe(observations), None
+        else:
+            seen = self._player.observe(observations, began)
+            seen = self._player.choose(began, seen, self._seen)
+            self._ended = None if self._ended is None else self._ended & ~began
+        self._seen = self._player.copy(seen)
+        return seen, self._with_truth(info, began)
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Info]:
+        """Take a step with broken actuators, and observe it with broken sensors."""
+        player = self._player
+        observations: Any
+        observations, rewards, terminations, truncations, info = self.env.step(self._act(actions))
+        ended: Any = terminations | truncations
+        if self._mode is AutoresetMode.SAME_STEP and "final_obs" in info:
+            player.advance()
+            last = player.observe(self._last(info["final_obs"], observations, ended))
+            of_last = self._with_truth(info.get("final_info", {}), ended)
+            info = info | {"final_obs": self._final(info, last, ended), "final_info": of_last}
+            player.begin(self._beginning(ended))
+            seen = player.choose(ended, player.observe(observations, ended), last)
+        else:
+            begins = {AutoresetMode.SAME_STEP: ended, AutoresetMode.NEXT_STEP: self._ended}
+            player.advance(self._beginning(begins.get(self._mode)))
+            seen = player.observe(observations)
+        if self._host is not None or self._mode is AutoresetMode.DISABLED:
+            self._seen = player.copy(seen)
+        self._ended = ended
+        info = self._with_truth(info, player.everyone)
+        return seen, rewards, terminations, truncations, info
+
+    def _act(self, actions: Any) -> Any:
+        """Return what actuators make of actions, which are refused if they do not fit."""
+        shape = (self.num_envs, *self._channels.action.shape)
+        if self._host is not None:
+            asked = finite_array("actions", actions, shape)
+            done = self._player.act(asked)
+            return actions if done is asked else done
         if tuple(getattr(actions, "shape", ())) != shape:
             raise InvalidArgumentError(
                 f"actions must be an array of shape {shape}; got {brief(actions)}"
             )
-        acted = channels.act(actions)
-        observations, rewards, terminations, truncations, info = self.env.step(acted)
-        ended = terminations | truncations
-        final = self._mode is AutoresetMode.SAME_STEP and "final_obs" in info
-        if final:
-            channels.advance()
-            last = channels.observe(channels.choose(ended, info["final_obs"], observations))
-            of_last = self._with_arrays(channels, info.get("final_info", {}), ended)
-            info = info | {"final_obs": last, "final_info": of_last}
-            channels.begin(ended)
-            seen = channels.choose(ended, channels.observe(observations, ended), last)
-        else:
-            begins = {AutoresetMode.SAME_STEP: ended, AutoresetMode.NEXT_STEP: self._ended}
-            channels.advance(begins.get(self._mode))
-            seen = channels.observe(observations)
-        if self._mode is AutoresetMode.DISABLED:
-            self._seen = channels.copy(seen)
-        self._ended = ended
-        info = self._with_arrays(channels, info, channels.everyone)
-        return seen, rewards, terminations, truncations, info
+        return self._player.act(actions)
 
-    @staticmethod
-    def _with_arrays(channels: ArrayChannels, info: Info, mask: Any) -> Info:
-        truth = channels.truth()
+    def _beginning(self, begins: Any) -> Any:
+        """Return the mask of those that begin an episode, or None: on NumPy, nobody does."""
+        if self._host is None or begins is None:
+            return begins
+        rows = np.flatnonzero(begins)
+        if not len(rows):
+            return None
+        self._host.load(rows, self._damages)
+        return begins
+
+    def _last(self, final: Any, observations: Any, ended: Any) -> Any:
+        """Return the last observations (B, ...) of ended episodes, and others where none ended."""
+        if self._host is None:
+            return self._player.choose(ended, final, observations)
+        last = observations.copy()
+        for i in np.flatnonzero(ended).tolist():
+            last[i] = final[i]
+        return last
+
+    def _final(self, info: Info, last: Any, ended: Any) -> Any:
+        """Return ``final_obs`` as sensors observed it: on NumPy an array of objects, or None."""
+        if self._host is None:
+            return last
+        final = info["final_obs"].copy()
+        for i in np.flatnonzero(ended).tolist():
+            final[i] = last[i].copy()
+        return final
+
+    def _with_truth(self, info: Info, mask: Any) -> Info:
+        truth = self._player.truth()
         if "faults" in info:
             truth["faults"] = truth["faults"] + info["faults"]
+        if self._host is not None:
+            return info | masked(truth, mask)
         return info | truth | {f"_{name}": mask for name in truth}
-
-    def _begin(self, rows: Rows, damages: list[Damage], observations: Array) -> Array:
-        """Begin episodes of ``rows``; return their first of ``observations`` (B, ...) as sensed."""
-        drawn = [damages[i].sample(self._rng, self._channels.parts) for i in rows.tolist()]
-        self._channels.start(rows, drawn)
-        return self._channels.observe(observations[rows], self._rng, rows)
-
-    def _with_truth(self, info: Info, mask: NDArray[np.bool_] | None = None) -> Info:
-        truth = self._channels.truth()
-        truth["faults"] += info.get("faults", 0)
-        return info | masked(truth, self._everyone >= 0 if mask is None else mask)
 
     def _check(self, damage: object) -> list[Damage]:
         each = of_each("damage", damage, self.num_envs)

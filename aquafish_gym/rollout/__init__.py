@@ -18,7 +18,7 @@ from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.physics.layout import STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout.many import swim_many
 from aquafish_gym.rollout.one import swim_one
-from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import (
@@ -143,7 +143,7 @@ def rollout(
     if memory is not None:
         memory = finite_array("memory", memory, (batch, None), flat=True)
     drawn = bool(np.isnan(scenario.fin_angles).any())
-    needed = drawn or ever(scenario, "gyro_noise")
+    needed = drawn or scenario.has("gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
         needed = True
         memory = [task.begin(rng) for rng in rngs]
@@ -160,7 +160,7 @@ def rollout(
     if isinstance(policy, Program):
         fins = scenario.fin_angles if believed is None else _rows("believed", believed, batch)
         known = task is None or compiled_task(task) is not None
-        if engine == "numba" and known and not is_ever_late(scenario):
+        if engine == "numba" and known and not scenario.is_late:
             return swim_many(policy, plan, fins, gains, dtype, threads, start)
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
     if start is not None:

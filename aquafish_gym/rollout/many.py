@@ -9,7 +9,7 @@ import numpy as np
 
 from aquafish_gym.envs.tasks import MEMORY_NUMBERS, Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.rollout.plan import Plan, Program, Trajectories, ever
+from aquafish_gym.rollout.plan import Plan, Program, Trajectories
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -36,18 +36,18 @@ def swim_many(
     if compiled is not None:
         loop.functions, loop.task = compiled
         loop["memory"] = np.pad(plan.memory.T, ((0, MEMORY_NUMBERS - plan.memory.shape[1]), (0, 0)))
-    loop.broken = ever(scenario, "gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
+    loop.broken = scenario.has("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
     if loop.broken:
-        if ever(scenario, "gyro_noise"):
+        if scenario.has("gyro_noise"):
             loop.set_noise(_drawn_noise(plan))
-        _set_sensors(loop, slice(None), scenario)
+        _set_sensors(loop, slice(None), scenario.beginning)
     flows = plan.task is not None and type(plan.task).current is not Task.current
     weights = pack_rows(program.weights, dtype, lanes.width)
-    for begin, end, change in scenario.segments(plan.steps):
-        if change is not None:
-            lanes.update(change.to, change.rows, keep_current=flows)
+    for begin, end, robots, to in scenario.segments(plan.steps):
+        if to is not None:
+            lanes.update(to, robots, keep_current=flows)
             if loop.broken:
-                _set_sensors(loop, change.rows, change.to)
+                _set_sensors(loop, robots, to)
         lanes.run(program.function, weights, program.layout, end - begin, program.interval, loop)
         if loop.broken and any(t % plan.interval == 0 for t in range(begin, end)):
             loop["fresh"] = 0.0  # they are observed
@@ -73,9 +73,10 @@ def _set_sensors(loop: Any, rows: Any, robots: Scenario) -> None:
 def _drawn_noise(plan: Plan) -> Floats:
     """Return the gyroscopes' noise in each observation (K, 3, B), drawn as ``Sensors`` does."""
     batch, begins = len(plan.scenario), np.arange(0, plan.steps, plan.interval)
-    deviation = np.tile(plan.scenario.gyro_noise, (len(begins), 1))
-    for step, rows, to in plan.scenario.schedule:
-        deviation[np.ix_(begins >= step, rows)] = to.gyro_noise
+    deviation = np.tile(plan.scenario.beginning.gyro_noise, (len(begins), 1))
+    for step, _, robots, to in plan.scenario.segments(plan.steps):
+        if to is not None:
+            deviation[np.ix_(begins >= step, robots)] = to.gyro_noise
     noise, streams = np.zeros((len(begins), 3, batch)), dict[int, Floats]()
     for b in np.flatnonzero(deviation.any(axis=0)).tolist():
         rng, noisy = plan.rngs[b], deviation[:, b] > 0.0

@@ -108,13 +108,3 @@ class Plan:
     def dt(self) -> float:
         """How long an action is held, s."""
         return self.interval * TIMESTEP
-
-
-def is_ever_late(scenario: Scenario) -> bool:
-    """Return whether a channel of a scenario's robots is ever late, slow or scaled."""
-    return any(stage.is_late for stage in scenario.stages())
-
-
-def ever(scenario: Scenario, *fields: str) -> bool:
-    """Return whether one of these fields of a scenario is ever other than 0."""
-    return any(np.any(vars(stage)[name]) for stage in scenario.stages() for name in fields)

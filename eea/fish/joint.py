@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS
-from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
@@ -125,7 +125,7 @@ def fish_signal(
     scenario = Scenario.fill(fields, bool(reactive.any()))
     if start is not None:  # until then every servo obeyed its command
         obeyed = replace(scenario, servo_gain=still + gain)
-        scenario = replace(obeyed, schedule=(Change(0, np.arange(len(reactive)), scenario),))
+        scenario = obeyed.then(0, scenario)
     gyro = simulate_scenario(
         scenario,
         inputs if windows is None else windows.series[inputs],

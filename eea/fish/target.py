@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.damage import CHANNELS, Damage
-from aquafish_gym.damage.sensors import GYRO_CHANNELS, ONLY_ROBOT, Readings, Sensors
+from aquafish_gym.damage.sensors import ONLY_ROBOT, sensor_columns
+from aquafish_gym.damage.side import Side
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats, wrap
@@ -86,13 +87,13 @@ class EngineTarget:
         world = gap.edit(Scenario.create(whole, current=current))
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
-        for stage in self._scenario.stages():
-            check_row("servo_gain", stage.servo_gain[0])
-            if stage.servo_delay.any() or stage.servo_hold.any():
-                raise InvalidArgumentError(
-                    "damage of a target must not be delay or hold of a servo, whose command is the "
-                    f"same throughout a trial: use RealityGap(lag=...); got {self.damage}"
-                )
+        for gain in self._scenario.servo_gain:
+            check_row("servo_gain", gain)
+        if self._scenario.has("servo_delay", "servo_hold"):
+            raise InvalidArgumentError(
+                "damage of a target must not be delay or hold of a servo, whose command is the "
+                f"same throughout a trial: use RealityGap(lag=...); got {self.damage}"
+            )
         self._simulate(np.zeros(3), np.zeros(3))  # raises for wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:
@@ -152,13 +153,13 @@ class EngineTarget:
         truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
         truth[0, GYRO_CHANNELS] = self._gap.gyro_bias  # the trial begins at rest
         truth[1:, GYRO_CHANNELS] = gyro[0]
-        sensors = Sensors(1, np.float64)
-        for stage in self._scenario.stages():
-            sensors.remember(stage.sensor_delay)
-        sensors.update(ONLY_ROBOT, Readings.of(self._scenario))
+        sensors = Side(1, len(CHANNELS), TIMESTEP)
+        sensors.remember(self._scenario.sensor_delay)
+        sensors.update(ONLY_ROBOT, sensor_columns(self._scenario.beginning.columns()))
         observed = []
-        for begin, end, change in self._scenario.segments(len(truth)):
-            if change is not None:
-                sensors.update(ONLY_ROBOT, Readings.of(change.to))
+        for begin, end, _, to in self._scenario.segments(len(truth)):
+            if to is not None:
+                sensors.update(ONLY_ROBOT, sensor_columns(to.columns()))
             observed.append(sensors.record(truth[begin:end], rng))
-        return np.concatenate(observed)[None, 1:, GYRO_CHANNELS]
+        recorded = np.concatenate(observed, dtype=np.float64)[None, 1:, GYRO_CHANNELS]
+        return recorded

@@ -49,8 +49,8 @@ class Bench:
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """A JSON file to write as well."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
-    """Some of the groups: physics, widths, bodies, mujoco, neat, environments,
-    learning, tasks, pictures, starting, replicate."""
+    """Some of the groups: physics, widths, bodies, mujoco, neat, environments, resets, faults,
+    learning, training, tasks, pictures, starting, replicate."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """A page whose tables are measured and replaced, such as docs/performance.md; with ``--only``
     the tables that have one of the groups."""

@@ -20,6 +20,7 @@ from instruments.benchmarks.rows import Group, Row, Settings, missing_mujoco, mi
 
 ROBOTS = 1024
 DRAWN_ACTIONS = 64  # drawn before, so that drawing is not timed
+DAMAGE = "random:moderate@2-10"  # as policies are trained
 
 
 def single_and_vector(settings: Settings, cleanup: ExitStack) -> Group:
@@ -36,9 +37,10 @@ def single_and_vector(settings: Settings, cleanup: ExitStack) -> Group:
     rows.append(Row("AquaFish-v0", "numba", "float64", 1, 1, 1,
                     _stepper(env, settings, cleanup), reference))  # fmt: skip
     robots = min(ROBOTS, settings.robots)
-    rows += _vector_rows(robots, 1, reference, settings, cleanup)
+    batches = _vector_rows(robots, 1, reference, settings, cleanup)
+    rows += batches
     if settings.cores > 1:
-        rows += _vector_rows(robots, settings.cores, rows[-2], settings, cleanup)
+        rows += _vector_rows(robots, settings.cores, batches[0], settings, cleanup)
     no_mujoco = missing_mujoco()
     if not no_mujoco:
         env = gym.make("Swimmer-v5")
@@ -50,26 +52,61 @@ def single_and_vector(settings: Settings, cleanup: ExitStack) -> Group:
 def _vector_rows(
     robots: int, threads: int, against: Row | None, settings: Settings, cleanup: ExitStack
 ) -> list[Row]:
-    """Return the steps of a batch, and its engine's part of them."""
-    envs: Any = gym.make_vec("AquaFish-v0", num_envs=robots, threads=threads)
-    cleanup.callback(envs.close)
-    envs.reset(seed=settings.seed)
-    envs.action_space.seed(settings.seed)
-    actions = [envs.action_space.sample() for _ in range(DRAWN_ACTIONS)]
-    count = 0
+    """Return whole episodes of a batch with random damage and without, and parts of them."""
+    broken = _make_vec(robots, threads, DAMAGE, settings, cleanup)
+    intact = _make_vec(robots, threads, None, settings, cleanup)
+    actions = [intact.action_space.sample() for _ in range(DRAWN_ACTIONS)]
+    steps = intact.episode_steps + 1  # in the last one, the next episode begins
 
-    def step() -> None:
-        nonlocal count
-        envs.step(actions[count % DRAWN_ACTIONS])
-        count += 1
+    def swim(envs: Any, count: int) -> None:
+        for i in range(count):
+            envs.step(actions[i % DRAWN_ACTIONS])
 
     bodies = np.tile(Morphology.nominal().to_array(), (robots, 1))
     lanes = LaneBatch(Scenario.create(bodies), threads=threads)
     commands = np.full((robots, 3), 0.25)
-    whole = Row("make_vec", "numba", "float32", robots, threads, robots, step, against)
-    physics = Row("of which physics", "numba", "float32", robots, threads, robots,
-                  lambda: lanes.advance(commands, envs.frame_skip), whole, share=True)  # fmt: skip
-    return [whole, physics]
+
+    def row(what: str, amount: int, call: Callable[[], object], *of: Row, share: bool) -> Row:
+        other = of[0] if of else against
+        return Row(what, "numba", "float32", robots, threads, amount, call, other, share=share)
+
+    many = robots * steps
+    first = row(f"episodes, {DAMAGE}", many, lambda: swim(broken, steps), share=False)
+    whole = row("episodes, no damage", many, lambda: swim(intact, steps), first, share=False)
+    physics = row(
+        "of which physics",
+        robots,
+        lambda: lanes.advance(commands, intact.frame_skip),
+        whole,
+        share=True,
+    )
+    return [first, whole, physics]
+
+
+def resets(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return resets of all robots of a batch, without seeds."""
+    robots = min(ROBOTS, settings.robots)
+    rows: list[Row] = []
+    for damage in (None, DAMAGE):
+        envs = _make_vec(robots, 1, damage, settings, cleanup)
+        rows.append(
+            Row(
+                f"reset, {damage or 'no damage'}", "numba", "float32", robots, 1, 1, envs.reset,
+                rows[0] if rows else None, as_time=True,
+            )
+        )  # fmt: skip
+    return Group("resets of all robots: time", "reset", rows)
+
+
+def _make_vec(
+    robots: int, threads: int, damage: str | None, settings: Settings, cleanup: ExitStack
+) -> Any:
+    """Return a batch that has begun."""
+    envs: Any = gym.make_vec("AquaFish-v0", num_envs=robots, threads=threads, damage=damage)
+    cleanup.callback(envs.close)
+    envs.reset(seed=settings.seed)
+    envs.action_space.seed(settings.seed)
+    return envs
 
 
 def _stepper(env: gym.Env[Any, Any], settings: Settings, cleanup: ExitStack) -> Callable[[], None]:

@@ -1,4 +1,4 @@
-"""Rows of faults in batches that step tensors: what they add to a step of a millisecond."""
+"""Rows of faults of any environment: what they add to a step on NumPy, and to one of tensors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquafish_gym import VectorFaultWrapper
+from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from instruments.benchmarks.gait import NO_LEARNING
 from instruments.benchmarks.rows import Group, Row, Settings
 
@@ -22,6 +23,75 @@ STEP_SECONDS = 1e-3
 EPISODE_STEPS = 200
 WARM_UP_STEPS, TIMED_STEPS = 5, 100
 ACTUATORS, SENSORS = 2, 6
+TWO_FAULTS = "action_0:weak=0.5@1; observation_2:bias=0.5@2"
+
+
+def arrays(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return steps of Pendulum-v1, and of a batch of pendulums, whole and with faults."""
+    robots = min(ROBOTS, settings.robots)
+    row = partial(Row, engine="numpy", dtype="float32", threads=1, amount=1, as_time=True)
+    pendulum = gym.make("Pendulum-v1").unwrapped  # without the checks of gym.make
+    cleanup.callback(pendulum.close)
+    one = row("Pendulum-v1", batch=1, call=_stepper(pendulum, settings))
+    many = row("pendulums", batch=robots, call=_stepper(Pendulums(robots), settings))
+    rng = np.random.default_rng(settings.seed)
+    onsets = rng.uniform(0.0, 5.0, (robots, 2))
+    damages = {
+        "two faults": TWO_FAULTS,
+        "at times of each": [
+            f"action_0:weak=0.5@{a:.2f}; observation_2:bias=0.5@{b:.2f}~1" for a, b in onsets
+        ],
+        "random:moderate": "random:moderate@1-5",
+    }
+    broken = FaultWrapper(pendulum, TWO_FAULTS)
+    rows = [one, row("two faults", batch=1, call=_stepper(broken, settings), against=one), many]
+    for what, damage in damages.items():
+        envs = VectorFaultWrapper(Pendulums(robots), damage, dt=0.05)
+        rows.append(row(what, batch=robots, call=_stepper(envs, settings), against=many))
+    return Group("faults on NumPy", "step", rows)
+
+
+def _stepper(env: Any, settings: Settings) -> partial[Any]:
+    """Return what takes a step, in which faults are active."""
+    env.reset(seed=settings.seed)
+    actions = np.zeros(env.action_space.shape, np.float32)
+    for _ in range(EPISODE_STEPS // 2):
+        env.step(actions)
+    return partial(env.step, actions)
+
+
+class Pendulums(VectorEnv[Any, Any, Any]):
+    """Pendulums that swing together, in episodes of ``EPISODE_STEPS``."""
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(self, count: int) -> None:
+        self.num_envs = count
+        most = np.array([1.0, 1.0, 8.0], np.float32)
+        self.single_action_space = Box(-2.0, 2.0, (1,))
+        self.single_observation_space = Box(-most, most)
+        self.action_space = batch_space(self.single_action_space, count)
+        self.observation_space = batch_space(self.single_observation_space, count)
+        self._steps = np.zeros(count, np.int64)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:  # noqa: ARG002
+        self._angle, self._rate = np.random.default_rng(seed).uniform(-1, 1, (2, self.num_envs))
+        self._steps[:] = 0
+        return self._observed(), {}
+
+    def step(self, actions: Any) -> Any:
+        torque = np.clip(actions[:, 0], -2.0, 2.0)
+        rate = self._rate + 0.05 * (15.0 * np.sin(self._angle) + 3.0 * torque)
+        self._rate = np.clip(rate, -8.0, 8.0)
+        self._angle = self._angle + 0.05 * self._rate
+        self._steps += 1
+        over = self._steps >= EPISODE_STEPS
+        self._steps[over] = 0
+        return self._observed(), -(self._angle**2), over & ~over, over, {}
+
+    def _observed(self) -> Any:
+        columns = np.cos(self._angle), np.sin(self._angle), self._rate
+        return np.stack(columns, axis=1).astype(np.float32)
 
 
 def tensors(settings: Settings, cleanup: ExitStack) -> Group:

@@ -35,6 +35,7 @@ _WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 # Whose defaults the figures of a group depend on; of the others, those of ``simulate``.
 _OF_GROUPS = {
     "environments": ("AquaFish-v0", "make_vec"),
+    "resets": ("make_vec",),
     "learning": ("AquaFish-v0", "make_vec"),
     "training": ("AquaFish-v0", "make_vec"),
     "neat": ("EvolveConfig",),

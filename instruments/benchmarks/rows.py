@@ -115,6 +115,8 @@ GROUPS: dict[str, str] = {
     "neat": "instruments.benchmarks.gait:populations",
     "tasks": "instruments.benchmarks.gait:tasks",
     "environments": "instruments.benchmarks.environments:single_and_vector",
+    "resets": "instruments.benchmarks.environments:resets",
+    "wrapped": "instruments.benchmarks.faults:arrays",
     "faults": "instruments.benchmarks.faults:tensors",
     "learning": "instruments.benchmarks.gait:learning",
     "training": "instruments.benchmarks.training:until_it_swims",

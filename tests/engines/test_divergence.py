@@ -20,7 +20,7 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows
 from aquafish_gym.rollout import rollout
-from aquafish_gym.scenario import Change, Scenario
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
 from gait.controllers.controller import Controller, program_of
@@ -53,7 +53,7 @@ def struck(step: int, lag: float = 0.0) -> Scenario:
     """Return a robot whose drag becomes too great for the time step."""
     calm = Scenario.create(fin_angles=(0.4, -0.2, 1.0), current=(0.1, 0.0, 0.0), servo_lag=lag)
     rough = replace(calm, drag=np.full((1, 2), 1e6))
-    return replace(calm, schedule=(Change(step, np.array([0]), rough),))
+    return calm.then(step, rough)
 
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])

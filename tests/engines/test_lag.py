@@ -20,12 +20,13 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import STATE_NUMBERS
 from aquafish_gym.rollout import rollout
 from aquafish_gym.rollout.programs import act_alone
-from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import program_of
 from gait.controllers.network import Senses
 from gait.search.templates import Template
 from instruments.verification.trials import random_trials
+from tests.scenarios import with_changes
 
 ENGINES = ["numba", "pybullet"] if importlib.util.find_spec("pybullet") else ["numba"]
 ROBOTS, STEPS = 3, 60
@@ -53,11 +54,11 @@ def scenarios(draw: st.DrawFn) -> Scenario:
         to.servo_lag[:] = [draw(lags) for _ in rows]
         to.servo_gain[:] = [draw(gains) for _ in rows]
         to.body[:, draw(st.integers(0, 8))] *= 0.7
-        changes.append(Change(step, rows, to))
+        changes.append((step, rows, to))
         now = now.copy()
-        for name, table in now.arrays().items():
+        for name, table in now.columns().items():
             table[rows] = vars(to)[name]
-    return replace(start, schedule=tuple(changes))
+    return with_changes(start, changes)
 
 
 def series(seed: int, count: int) -> np.ndarray:
@@ -81,9 +82,9 @@ def test_engines_agree_on_open_loops(scenario: Scenario, seed: int, interval: in
         one = scenario.take(robot)
         world = make_world("numba", one)
         felt = []
-        for begin, end, change in one.segments(STEPS):
-            if change is not None:
-                world.update(change.to)
+        for begin, end, _, to in one.segments(STEPS):
+            if to is not None:
+                world.update(to)
             for t in range(begin, end):
                 world.advance(tuple(commands[robot, t // interval].tolist()))
                 felt.append(world.state().spin)

@@ -16,9 +16,10 @@ from aquafish_gym import ImuLog, simulate
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from instruments.verification.foreign_law import Defects, simulate_law
 from instruments.verification.trials import lane_batch, one_world, random_trials, rotations
+from tests.scenarios import with_changes
 
 COUNT = 21  # no multiple of a register's robots
 TRIALS = random_trials(COUNT, seed=3)
@@ -168,7 +169,7 @@ def scheduled(lag: float = 0.0) -> Scenario:
     finless = replace(whole.take(one), body=whole.body[one] * np.repeat([1, 0, 1], 3))
     gains = np.array([(1.0, 1.0, 0.0), (0.5, 1.0, 1.0)])
     weak = replace(whole.take(other), servo_gain=gains)
-    return replace(whole, schedule=(Change(20, one, finless), Change(35, other, weak)))
+    return with_changes(whole, [(20, one, finless), (35, other, weak)])
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.037])

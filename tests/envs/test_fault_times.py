@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.damage import TIERS, Chance, Damage, Tier
-from aquafish_gym.damage.delays import DelayLines
+from aquafish_gym.damage.side import Side
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
@@ -92,21 +93,21 @@ def test_whole_channels_have_no_more_information_than_before() -> None:
     ends=st.sets(st.integers(1, 11)),
 )
 @settings(max_examples=60)
-def test_delay_lines_are_what_they_say(
+def test_late_and_slow_channels_are_what_they_say(
     delays: list[int], periods: list[float], ends: set[int]
 ) -> None:
     """Against lists, with new delays and holds in every step, and episodes that end."""
-    lines, rows = DelayLines(3, 1), np.array([1])
+    lines, rows = Side(3, 1, dt=1.0), np.array([1])
     lines.remember(6)
     kept: list[float] = []
     began, before = 0, 0.0
     for step, (delay, period) in enumerate(zip(delays, periods, strict=True)):
         if step in ends:
-            lines.reset(rows)
+            lines.start(rows)
             kept, before = [], 0.0
         began = began if period == before and kept else len(kept)
         before = period
-        lines.update(rows, [[delay]], [[period]])
+        lines.update(rows, {"delay": np.array([[delay]]), "hold": np.array([[period]])})
         number = float(step)
         if period:
             since = len(kept) - began
@@ -118,9 +119,9 @@ def test_delay_lines_are_what_they_say(
 
 
 def test_a_line_that_grows_keeps_the_order_of_its_numbers() -> None:
-    lines, rows, found = DelayLines(1, 1), np.array([0]), []
+    lines, rows, found = Side(1, 1, dt=1.0), np.array([0]), []
     for number, delay in enumerate((2, 2, 2, 3, 3)):
-        lines.update(rows, [[delay]], [[0.0]])
+        lines.update(rows, {"delay": np.array([[delay]]), "hold": np.zeros((1, 1))})
         found += lines.carry(np.array([[float(number)]]), rows)[0].tolist()
     assert found == [0.0, 0.0, 0.0, 0.0, 1.0]
 
@@ -194,6 +195,11 @@ def test_fish_has_the_same_to_the_bit_on_both_engines(
 ) -> None:
     if engine == "pybullet":
         pytest.importorskip("pybullet")
+    # Noise is drawn from other streams.
+    built_in, channels = (
+        re.sub("gyro:noise|observation_6-8:noise", name, text)
+        for name, text in (("gyro_x:bias", built_in), ("observation_6:bias", channels))
+    )
     whole = AquaFishEnv(engine=engine)
     wrapped = FaultWrapper(whole, channels, neutral=[0.0, 0.0, -1.0])
     own = AquaFishEnv(damage=built_in, engine=engine)

@@ -153,9 +153,8 @@ def test_swimmer_senses_otherwise_and_swims_on(word: str) -> None:
     [
         ("up_x:stuck@2+3; north_y:dropped@3; gyro_z:bias=0.5@1+9",
          "observation_0:stuck@2+3; observation_4:dropped@3; observation_8:bias=0.5@1+9"),
-        ("gyro:noise=0.05@2+9", "observation_6-8:noise=0.05@2+9"),
-        ("gyro:noise=0.05@2-9; gyro_x:bias=40@3-4",
-         "observation_6-8:noise=0.05@2-9; observation_6:bias=40@3-4"),
+        ("gyro_y:bias=0.05@2+9; gyro_x:bias=40@3",
+         "observation_7:bias=0.05@2+9; observation_6:bias=40@3"),
         ("left_pectoral:reversed@4+8", "action_0:reversed@4+8"),
         ("right_pectoral:weak=0.5", "action_1:weak=0.5"),
         ("left_pectoral:seized@4+8", "action_0:dead@4+8"),

@@ -199,7 +199,6 @@ ROWS = [
         options(parts="empty mapping, mapping"),
     ),
     Call(WHOLE.edit, {"scenario": SCENARIO, "hold": 1}),
-    Call(WHOLE.stages, {"dt": 0.1}, options(dt="fraction, big")),
     Call(WHOLE.check_onsets, {"seconds": 1.0}, options(seconds="fraction, big")),
     Call(WHOLE.check_steps, {"dt": 0.1}, options(dt="fraction, big")),
     Call(WHOLE.body, {"morphology": BODY}),

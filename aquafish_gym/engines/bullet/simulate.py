@@ -35,9 +35,9 @@ def simulate_bullet(
         try:
             world.start(one)
             series = [triple(command) for command in commands[i].reshape(-1, 3)]
-            for begin, end, change in one.segments(steps):
-                if change is not None:
-                    world.update(change.to)
+            for begin, end, _, to in one.segments(steps):
+                if to is not None:
+                    world.update(to)
                 for t in range(begin, end):
                     world.advance(series[min(t // interval, len(series) - 1)])
                     position[i, t] = world.position

@@ -120,11 +120,10 @@ class LaneBatch(Swimmers):
         nothing = np.zeros((self.groups, 0), dtype)
         self._no_loop = (nothing, nothing, False)
         pack = functools.partial(pack_rows, dtype=dtype, width=self.width)
+        robots = scenario.beginning
         # One table after the other: each is packed while the cache holds it.
-        self._parameters = pack(
-            robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
-        )
-        self._conditions = pack(_conditions(scenario))
+        self._parameters = pack(robot_parameters(robots.body, robots.drag, robots.fin_density))
+        self._conditions = pack(_conditions(robots))
         begun = _states(scenario, rates) if states is None else states
         self._states = pack(np.broadcast_to(begun, (STATE_ROWS, self.batch)))
         self._commands = pack(np.zeros((3, self.batch)))
@@ -141,7 +140,7 @@ class LaneBatch(Swimmers):
         self._longest_lag[rows] = longest_lags(scenario)
         self._remember()
         self._given.forget(rows)
-        self.update(scenario, rows)
+        self.update(scenario.beginning, rows)
         self.states[:, rows] = _states(scenario)
 
     def update(

@@ -32,9 +32,9 @@ def simulate_lanes(
         rates = _joint_rates(scenario, given, TIMESTEP / substeps)
     lanes = LaneBatch(scenario, dtype, substeps, threads, rates=rates, given=given)
     logs = []
-    for begin, end, change in scenario.segments(steps):
-        if change is not None:
-            lanes.update(change.to, change.rows)
+    for begin, end, robots, to in scenario.segments(steps):
+        if to is not None:
+            lanes.update(to, robots)
         logs.append(lanes.log(commands, end - begin, record, interval, begun))
     return join_logs(logs)
 
@@ -51,12 +51,13 @@ def _given_before(scenario: Scenario, commands: Floats, interval: int, begun: in
 
 def _joint_rates(scenario: Scenario, given: Floats, h: float) -> Floats:
     """Return how fast the joints (B, 3) turn after they were ``given`` commands, rad/s."""
-    whole, share = lag_parts(scenario.servo_lag / TIMESTEP)
+    robot = scenario.beginning
+    whole, share = lag_parts(robot.servo_lag / TIMESTEP)
     newer = given.shape[1] - 1 - whole.astype(np.intp)
     robots = np.arange(len(scenario))
     older_command, newer_command = (given[robots, at].T for at in (newer - 1, newer))
     followed = np.array(late_command(tuple(older_command), tuple(newer_command), share)).T
-    rates: Floats = 2.0 * np.pi * (scenario.servo_gain * followed)
+    rates: Floats = 2.0 * np.pi * (robot.servo_gain * followed)
     phase = scenario.fin_angles[:, 2]
     rates[:, 2] = SWEEP * (np.sin(phase) - np.sin(phase - rates[:, 2] * h)) / h
     return rates

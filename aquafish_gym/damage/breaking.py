@@ -1,0 +1,143 @@
+"""What each word about a part of the fish changes in rows of a table of robots.
+
+The columns are the fields of a :class:`~aquafish_gym.scenario.Scenario`. Everything is in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
+from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS
+from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+Columns = Mapping[str, NDArray[Any]]
+
+LARGEST_SCALE_PRODUCT = 1e200  # of the scales of a channel; its product with a reading is finite
+#: What each word about a fin's servo does to its channel. The engine's servos have a gain alone.
+_SERVO_WORDS = {
+    "weak": "weak", "scale": "weak", "reversed": "reversed", "seized": "dead", "dead": "dead",
+    "delay": "delay", "hold": "hold",
+}  # fmt: skip
+_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
+
+
+def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
+    """Break a part of the robots in some rows, in place.
+
+    Parameters
+    ----------
+    columns
+        (R, ...) by the names of a scenario's fields: all that the word changes.
+    rows
+        An index or a slice.
+    part, word
+        Of ``PARTS``.
+    number
+        One for all rows, or one for each. Words without a number ignore it.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a size would exceed its maximum.
+    """
+    if part in FINS:
+        _break_fin(columns, rows, part, word, number)
+    elif word == "noise":
+        noise = columns["gyro_noise"]
+        noise[rows] = np.hypot(noise[rows], number)
+    elif part == "gyro":
+        break_channels(columns, "sensor", rows, GYRO_CHANNELS, word, number)
+    else:
+        break_channels(columns, "sensor", rows, _only(CHANNELS.index(part)), word, number)
+
+
+def _break_fin(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
+    if word in _SERVO_WORDS:
+        servo = _only(FINS.index(part))
+        break_channels(columns, "servo", rows, servo, _SERVO_WORDS[word], number)
+    else:
+        break_sizes(columns["body"], rows, part, word, number)
+
+
+def _only(channel: int) -> slice:
+    return slice(channel, channel + 1)
+
+
+def break_sizes(body: Floats, rows: Any, part: str, word: str, number: ArrayLike) -> None:
+    """Break the sizes of a fin of bodies (R, 9), in place; other words than of sizes do nothing.
+
+    InvalidArgumentError if a size would exceed its maximum.
+    """
+    match word:
+        case "missing":
+            for size in SIZES:
+                body[rows, _COLUMNS[part, size]] = 0.0
+        case "entangled":
+            column = _COLUMNS[part, "width"]
+            width = body[rows, column]
+            body[rows, column] = width + number * (DIMENSIONS[column].maximum - width)
+        case _ if word in SIZES:
+            column = _COLUMNS[part, word]
+            dimension = DIMENSIONS[column]
+            with np.errstate(over="ignore"):
+                sizes = body[rows, column] * number
+            largest = sizes.max(initial=0.0)
+            if largest > dimension.maximum:  # to clip it would be another fault than was asked for
+                raise InvalidArgumentError(
+                    f"damage {part}:{word}={np.max(number)} would make {dimension.name} "
+                    f"{largest:g}; it must lie in [0, {dimension.maximum:g}]"
+                )
+            body[rows, column] = sizes
+
+
+def break_channels(
+    columns: Columns, side: str, rows: Any, channels: slice, word: str, number: ArrayLike
+) -> None:
+    """Break some channels of a side, of sensors or actuators, in some rows, in place.
+
+    Columns are named by the side and what they hold, such as "sensor_bias". Delays and biases add
+    up, scales and gains multiply, and the longest hold counts. A seized actuator is held at its
+    number, unless that is NaN.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the word is none about a channel.
+    """
+    number = np.reshape(number, (-1, 1))
+    column = columns.get(f"{side}_{column_of(word)}")
+    if column is None:
+        raise InvalidArgumentError(f"word must be one about a channel of {side}; got {word!r}")
+    now = column[rows, channels]
+    match word:
+        case "weak":
+            found = now * number
+        case "scale":
+            found = np.clip(now * number, -LARGEST_SCALE_PRODUCT, LARGEST_SCALE_PRODUCT)
+        case "reversed":
+            found = -now
+        case "dead":
+            found = np.zeros_like(now)
+        case "bias" | "delay":
+            found = now + number
+        case "noise":
+            found = np.hypot(now, number)
+        case "hold":
+            found = np.maximum(now, number)
+        case _:
+            found = np.ones_like(now)
+    column[rows, channels] = found
+    if word == "seized":
+        held = columns[f"{side}_held"]
+        held[rows, channels] = np.where(np.isnan(number), held[rows, channels], number)
+
+
+def column_of(word: str) -> str:
+    """Return the name of the column that a word about a channel changes, without its side."""
+    return "gain" if word in ("weak", "reversed", "dead") else word
