@@ -183,9 +183,9 @@ class LiveSwim:
         for _ in range(updates * UPDATE_STEPS // stride):
             if self.steps % interval == 0:
                 self._steer()
-            left, right, caudal = scale_action(self.actions).T
-            followed = self._robots.drive((left, right, caudal))
-            self._lanes.advance(np.stack(followed, axis=1), stride)
+            left, right, caudal = self.actions.T
+            followed = self._robots.follow((left, right, caudal))
+            self._lanes.advance(scale_action(np.stack(followed, axis=1)), stride)
             self.steps += stride
             self.held += stride
             if self._lanes.diverged.any():

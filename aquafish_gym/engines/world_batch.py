@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.worlds import Swimmers, World, make_world
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import STATE_ROWS, put_state
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.array_types import Floats, Rows
+from aquafish_gym.sense import observe
+from aquafish_gym.utils.array_types import Flags, Floats, Observations, Rows
 
 
 class WorldBatch(Swimmers):
@@ -43,18 +47,25 @@ class WorldBatch(Swimmers):
         for world, (x, y, z) in zip(self._worlds, current.tolist(), strict=True):
             world.set_current((x, y, z))
 
-    def advance(
-        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
-    ) -> None:
-        for robot, (left, right, caudal) in enumerate(command.tolist()):
+    def act(
+        self,
+        action: Floats,  # noqa: ARG002
+        followed: Vector,
+        steps: int = 1,
+        task: Any = None,  # noqa: ARG002
+        memory: Floats | None = None,  # noqa: ARG002
+    ) -> tuple[Flags, Observations, None]:
+        for robot, (left, right, caudal) in enumerate(
+            np.transpose(servo_speeds(followed)).tolist()
+        ):
             self._worlds[robot].advance((left, right, caudal), steps)
             self._read(robot)
-        if after is not None:
-            after(0, self.batch)
+        lost: Flags = np.array([world.diverged for world in self._worlds])
+        return lost, observe(self.state()), None
 
     @property
     def states(self) -> Floats:
-        """The states (25, B), NaN of robots that diverged; the angles of the last rows stay 0."""
+        """The states (25, B), the last ones of robots that diverged; roll, pitch and yaw stay 0."""
         return self._states
 
     def close(self) -> None:
@@ -68,6 +79,5 @@ class WorldBatch(Swimmers):
             yield robot, scenario.take(i)
 
     def _read(self, robot: int) -> None:
-        put_state(self._states.reshape(-1), robot, self.batch, self._worlds[robot].state())
-        if self._worlds[robot].diverged:
-            self._states[:, robot] = np.nan
+        if not self._worlds[robot].diverged:
+            put_state(self._states.reshape(-1), robot, self.batch, self._worlds[robot].state())

@@ -7,9 +7,10 @@ Engines have the same verbs for one robot (:class:`World`) as for B (:class:`Swi
 - ``update(scenario)`` gives them the bodies, the drag, the water and the servos of a scenario in
   mid-swim; they keep their motion.
 - ``set_current(current)`` sets the velocity of the water from now on.
-- ``advance(command, steps)`` holds a command in rev/s, rev/s and Hz for some steps of 0.01 s.
+- ``advance(command, steps)`` holds a command in rev/s, rev/s and Hz for some steps of 0.01 s; B
+  robots do actions: ``act(action, ...)``.
 - ``state()`` returns the :class:`~aquafish_gym.physics.kinematics.State` that they are in.
-- ``diverged`` says whether they ran away; see ``RUNAWAY_SQUARE``.
+- ``diverged`` says whether it ran away; ``physics.kinematics.has_diverged`` is the rule.
 - ``close()`` frees what the engine holds; closing twice does no harm.
 
 Servos follow the command that was given ``servo_lag`` seconds before, and the command was 0 before
@@ -25,7 +26,6 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -34,16 +34,11 @@ import numpy as np
 
 from aquafish_gym.command import lag_parts, late_command
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import State
-from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, state_from_numbers
+from aquafish_gym.physics.kinematics import State, has_diverged
+from aquafish_gym.physics.layout import state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows, Triple
+from aquafish_gym.utils.array_types import Flags, Floats, Observations, Reals, Rows, Triple
 from aquafish_gym.utils.validation import InvalidArgumentError
-
-# A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
-# though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot
-# that runs away never reaches infinity there.)
-RUNAWAY_SQUARE = 1e12
 
 STILL: Vector = (0.0, 0.0, 0.0)
 
@@ -161,12 +156,30 @@ class Swimmers(ABC):
         """Set the velocity of the water (B, 3) from now on, units/s in the world."""
 
     @abstractmethod
-    def advance(
-        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
-    ) -> None:
-        """Hold commands (B, 3), in rev/s, rev/s and Hz, for some steps of 0.01 s.
+    def act(
+        self,
+        action: Floats,
+        followed: Vector,
+        steps: int = 1,
+        task: Any = None,
+        memory: Floats | None = None,
+    ) -> tuple[Flags, Observations, Floats | None]:
+        """Do actions (3, B) in [-1, 1] for some steps of 0.01 s.
 
-        Call ``after(i, j)`` once robots i to j - 1 have swum, in the thread in which they did.
+        Return which robots (B,) diverged, what intact sensors (B, 9) then observe, and the terms
+        (T, B) of the reward where the engine judges a task, which may be None. Robots that diverged
+        are back in the state in which the action began; their terms are 0.
+
+        Parameters
+        ----------
+        action
+            What the task judges.
+        followed
+            Rows (B,) of the actions that servos follow, which may be earlier ones.
+        task
+            The functions and the numbers of a task (``envs.tasks.compiled_task``).
+        memory
+            What the task remembers, (M, B).
         """
 
     @property
@@ -178,11 +191,6 @@ class Swimmers(ABC):
         """Return the robots' state on rows (B,)."""
         return state_from_numbers(self.states.astype(np.float64))
 
-    @property
-    def diverged(self) -> Flags:
-        """Which robots (B,) ran away or left the finite numbers."""
-        return diverged_states(self.states)
-
     @abstractmethod
     def close(self) -> None:
         """Free what the engine holds; closing twice does no harm."""
@@ -190,11 +198,8 @@ class Swimmers(ABC):
 
 def diverged_states(states: Reals) -> Flags:
     """Return which robots (B,) of states (22 or more, B) ran away or are not finite."""
-    numbers = states[:STATE_NUMBERS].astype(np.float64)
-    speeds = numbers[FIELDS["velocity"].start : FIELDS["spin"].stop]
     with np.errstate(over="ignore", invalid="ignore"):
-        slow = (speeds**2).sum(axis=0) < RUNAWAY_SQUARE
-    lost: Flags = np.logical_not(slow & np.isfinite(numbers).all(axis=0))
+        lost: Flags = has_diverged(state_from_numbers(states)) > 0.0
     return lost
 
 

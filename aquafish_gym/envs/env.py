@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import episode
-from aquafish_gym.envs.motion import motion_info
 from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
@@ -243,15 +242,15 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         if world is None or self._steps == self._last:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
         self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
-        speeds = servo_speeds(action)
-        world.advance(self._robot.robots.drive(speeds), self.frame_skip)
+        followed = self._robot.robots.follow(action)
+        world.advance(servo_speeds(followed), self.frame_skip)
         if world.diverged:
             return True
         self._steps += 1
         self._state = world.state()
         self._fin_angles = world.fin_angles
         if self._reckons:
-            self._reckoned = reckon(self._reckoned, speeds, TAU * self.dt)
+            self._reckoned = reckon(self._reckoned, servo_speeds(action), TAU * self.dt)
         return False
 
     def _reward(
@@ -286,7 +285,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         diverged: bool = False,
         succeeded: bool = False,
     ) -> dict[str, Any]:
-        info = motion_info(before, self._state.position, self.dt)
+        info = episode.motion_info(before, self._state.position, self.dt)
         info["diverged"] = diverged
         if self.task.has_success:
             info["is_success"] = succeeded

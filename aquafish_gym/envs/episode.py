@@ -19,6 +19,7 @@ from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.specification import FishSpec, read_class
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.physics.arithmetic import Vector, square_root
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Triple
@@ -159,6 +160,23 @@ def check_fin_angles(value: object) -> str | Triple:
         return "random" if random else (0.0, 0.0, 0.0)
     left, right, phase = finite_array("fin_angles", value, (3,)).tolist()  # type: ignore[arg-type]
     return (left, right, phase)
+
+
+def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
+    """Return what ``info`` says of the positions before and after a step of ``dt`` s, by name.
+
+    Numbers, or rows (B,).
+    """
+    x, y, z = after
+    return {
+        "x_position": x,
+        "y_position": y,
+        "z_position": z,
+        "x_velocity": (x - before[0]) / dt,
+        "y_velocity": (y - before[1]) / dt,
+        "z_velocity": (z - before[2]) / dt,
+        "distance_from_origin": square_root(x * x + y * y + z * z),
+    }
 
 
 class Setting:

@@ -21,6 +21,8 @@ from aquafish_gym.scenario import CHANNELS, LATE_FIELDS, STARTS, TIMESTEP, Scena
 from aquafish_gym.stages import NEVER, Slots
 from aquafish_gym.utils.array_types import Floats, Rows
 
+STILL_ACTION = np.array([0.0, 0.0, -1.0])  # that of servos which stand
+
 
 class Robots:
     """The current scenario of B robots, their sensors and servos, and when they change.
@@ -61,7 +63,7 @@ class Robots:
         self.now = scenario.beginning.copy()
         self._dt = TIMESTEP * hold
         self.sensors = Side(len(scenario), len(CHANNELS), self._dt, dtype)
-        self._servos = Side(len(scenario), len(FINS), self._dt, first=0.0)
+        self._servos = Side(len(scenario), len(FINS), self._dt, first=STILL_ACTION)
         self.sensors.remember(history)
         self._servos.remember(history)
         self._slots = Slots(self.now.stages)
@@ -104,16 +106,16 @@ class Robots:
         """Whether servos may follow earlier actions than the last."""
         return self._servos.remembers
 
-    def drive(self, speeds: Vector) -> Vector:
-        """Return the speeds that servos follow in this step, which may be those of earlier ones.
+    def follow(self, action: Vector) -> Vector:
+        """Return the action that servos follow in this step, which may be an earlier one.
 
         Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
         """
         if not self._servos.remembers:
-            return speeds
-        asked = np.reshape(np.array(speeds, np.float64), (3, -1)).T
+            return action
+        asked = np.reshape(np.array(action, np.float64), (len(FINS), -1)).T
         left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
-        if isinstance(speeds[0], float):
+        if isinstance(action[0], float):
             return (float(left[0]), float(right[0]), float(caudal[0]))
         return (left, right, caudal)
 

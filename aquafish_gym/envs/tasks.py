@@ -384,6 +384,16 @@ def compiled_task(task: Task | None) -> tuple[TaskFunctions, TaskNumbers] | None
     return functions, TaskNumbers(*numbers)
 
 
+def lane_task(task: Task) -> tuple[TaskFunctions, TaskNumbers] | None:
+    """Return :func:`compiled_task` of a task whose steps only its rewards judge, else None.
+
+    What a task remembers and when it succeeds are computed in double precision, and so must be the
+    rewards that belong to them: a rounded distance could be a success without its reward.
+    """
+    judges_more = task.has_success or type(task).remember is not Task.remember
+    return None if judges_more else compiled_task(task)
+
+
 def check_task(task: object) -> Task:
     """Return a task from its name, from what a specification in JSON says of it, or itself."""
     if isinstance(task, str):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -18,10 +17,9 @@ from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
 from aquafish_gym.envs.autoreset import AutoresetMode, check_mode
 from aquafish_gym.envs.episode import EpisodeConfig
-from aquafish_gym.envs.motion import MOTION, motion_info
 from aquafish_gym.envs.robots import Robots
 from aquafish_gym.envs.specification import check_limit
-from aquafish_gym.envs.tasks import Step, Task
+from aquafish_gym.envs.tasks import Step, Task, lane_task
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
 from aquafish_gym.rendering import check_render_mode
@@ -35,10 +33,6 @@ from aquafish_gym.utils.validation import (
     integer,
 )
 
-if TYPE_CHECKING:
-    from aquafish_gym.envs.compiled import Judgement, Outcome
-
-States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
 Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
@@ -104,8 +98,6 @@ class AquaFishVectorEnv(
         reactive: bool = False,
         max_episode_steps: int | None = None,
     ) -> None:
-        from aquafish_gym.envs.compiled import Judge
-
         super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
         self.autoreset_mode = check_mode(autoreset_mode)
@@ -147,10 +139,8 @@ class AquaFishVectorEnv(
         self._robots = Robots(scenario, self.frame_skip, late)
         self._memory: Floats = np.zeros((0, self.num_envs))
         self._swimmers = batching.make_swimmers(scenario, engine, dtype, threads)
-        # The present states (25, num_envs), or the last ones before a robot diverged.
-        self._now: States = self._swimmers.states.copy()
-        self._speeds = np.zeros((3, self.num_envs))  # that the servos obey, rev/s, rev/s and Hz
-        self._judge = Judge(self.task)
+        self._known_task: Task | None = None
+        self._lane_task: Any = None  # what lanes take of it
         self._steps: NDArray[np.int64] = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
@@ -192,23 +182,27 @@ class AquaFishVectorEnv(
             an episode's end with autoreset disabled.
         """
         over = self._episodes_over()
-        action = self._command(actions)
-        before = self._now
-        outcome = self._swim(action, over)
-        judgement = self._judge.judge(
-            outcome, over, self._memory, lambda: self._step_from(before, action)
-        )
-        self._memory = judgement.memory
-        terminated = outcome.lost | judgement.succeeded
+        action = self._check_actions(actions)
+        before = self._positions()
+        lost, seen, terms = self._swim(action)
+        lost &= ~over  # these swam for nothing
+        terms, succeeded = self._judge(before, action, terms, lost | over)
+        terminated = lost | succeeded
         self._steps[terminated] = self._last
         self._change(terminated | over)
-        self._begin_again(over, outcome)
-        self._observe(outcome.seen)
-        info = self._step_info(outcome, judgement)
+        if over.any():
+            self._begin_again(over, before, seen)
+        self._observe(seen)
+        here = batching.components(self._positions())
+        moved = episode.motion_info(batching.components(before), here, self.dt)
+        info = batching.masked(
+            self._info(moved, terms, lost, succeeded), np.ones(self.num_envs, np.bool_)
+        )
+        reward: Floats = sum(terms.values(), np.zeros(self.num_envs))
         ended = self._steps == self._last
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             info = self._begin_at_once(ended, info)
-        return self._seen.copy(), judgement.reward, terminated, ended & ~terminated, info
+        return self._seen.copy(), reward, terminated, ended & ~terminated, info
 
     @property
     def states(self) -> Floats:
@@ -216,20 +210,14 @@ class AquaFishVectorEnv(
 
         ``gait.evolve_gait`` can begin in one.
         """
-        return self._now.astype(np.float64)
+        return self._swimmers.states.astype(np.float64)
 
-    def _command(self, actions: object) -> Floats:
-        """Let the servos do actions (num_envs, 3); return what they obey, (3, num_envs)."""
+    def _check_actions(self, actions: object) -> Floats:
+        """Return actions (num_envs, 3) clipped to [-1, 1], as rows (3, num_envs)."""
         raw = episode.float_action(actions, (self.num_envs, 3))
-        gains = self._robots.now.servo_gain
-        speeds = self._speeds
-        action = self._judge.command(raw, gains, speeds)
-        if action is None:
-            return finite_array("action", raw, raw.shape)  # refuses
-        if self._robots.acts_late:
-            driven = self._robots.drive(servo_speeds(batching.components(action)))
-            speeds[:] = gains.T * np.array(driven)
-        return action
+        if not np.isfinite(raw).all():
+            finite_array("action", raw, raw.shape)  # refuses
+        return np.array(raw.T, np.float64, order="C").clip(-1.0, 1.0)
 
     def _episodes_over(self) -> Flags:
         """Return whose episode is over (num_envs,), and which begins another one in this step."""
@@ -238,39 +226,64 @@ class AquaFishVectorEnv(
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
         return over
 
-    def _swim(self, action: Floats, over: Flags) -> Outcome:
-        """Swim one step; return its outcome. Robots that diverge keep their last states.
+    def _swim(self, action: Floats) -> tuple[Flags, Observations, Terms]:
+        """Swim one step; return who diverged, and what intact sensors observe in nine channels.
 
-        Those whose episode was ``over`` swim for nothing: none of them is lost.
+        And the terms of the reward, if the engine knows them.
         """
-        water = None
-        if type(self.task).current is not Task.current:
-            water = self.task.current(tuple(self._memory), self._steps * self.dt)
+        water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
             x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
             self._swimmers.set_current(np.stack([x, y, z], axis=1))
-        judge = self._judge = self._judge.of(self.task)
-        outcome = judge.outcome(self._now, len(self._limits))
-        given = (self._swimmers.states, self._now, over, action, self._memory, self.dt)
-        self._swimmers.advance(
-            self._speeds.T, self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given)
+        if self.task is not self._known_task:
+            self._known_task = self.task
+            self._lane_task = lane_task(self.task)
+        commanded = batching.components(action)
+        lost, seen, values = self._swimmers.act(
+            action, self._robots.follow(commanded), self.frame_skip, self._lane_task, self._memory
         )
-        self._now = outcome.now
         if self._reckons:
-            speeds = servo_speeds(batching.components(action))
+            speeds = servo_speeds(commanded)
             reckoned = reckon(batching.components(self._reckoned), speeds, TAU * self.dt)
-            self._reckoned = np.where(outcome.lost, self._reckoned, reckoned)
-        np.logical_and(outcome.lost, ~over, out=outcome.lost)
+            self._reckoned = np.where(lost, self._reckoned, reckoned)
         self._steps += 1
-        return outcome
+        judged: Any = self.task
+        terms = {} if values is None else dict(zip(judged.terms, values, strict=False))
+        return lost, seen, terms
 
-    def _step_from(self, before: States, actions: Floats) -> Step:
-        here = batching.components(before[FIELDS["position"]].astype(np.float64))
-        now = state_from_numbers(self.states)
-        memory = tuple(self._memory)
-        return Step(
-            here, now.position, now.orientation, batching.components(actions), memory, self.dt
-        )
+    def _judge(
+        self, before: Floats, action: Floats, terms: Terms, void: Flags
+    ) -> tuple[Terms, Flags]:
+        """Return the reward's terms, and who succeeded; let the task remember.
+
+        Nothing counts of the robots under ``void``. ``terms`` are there if the engine judged.
+        """
+        task = self.task
+        succeeded = np.zeros(self.num_envs, np.bool_)
+        if terms:
+            for value in terms.values() if void.any() else ():
+                value[void] = 0.0
+            return terms, succeeded
+        step = self._step_from(before, action)
+        terms = {
+            name: np.where(void, 0.0, np.asarray(value, np.float64))
+            for name, value in task.reward_terms(step).items()
+        }
+        if task.has_success:
+            succeeded = np.asarray(task.succeeded(step)).astype(np.bool_) & ~void
+        if type(task).remember is not Task.remember:
+            pairs = zip(self._memory, task.remember(step), strict=True)
+            self._memory = np.array([np.where(void, old, new) for old, new in pairs])
+        return terms, succeeded
+
+    def _positions(self) -> Floats:
+        """Return copies of the robots' positions, as rows (3, num_envs)."""
+        return self._swimmers.states[FIELDS["position"]].astype(np.float64)
+
+    def _step_from(self, before: Floats, action: Floats) -> Step:
+        x, y, z, w = self._swimmers.states[FIELDS["orientation"]].astype(np.float64)
+        here, there, done = map(batching.components, (before, self._positions(), action))
+        return Step(here, there, (x, y, z, w), done, tuple(self._memory), self.dt)
 
     def _change(self, bad: Flags) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
@@ -281,8 +294,7 @@ class AquaFishVectorEnv(
             self._swimmers.update(self._engine_robots(changed), changed)
 
     def _engine_robots(self, rows: Rows) -> Scenario:
-        robots = self._robots.now.take(rows)
-        return replace(robots, servo_gain=np.ones_like(robots.servo_gain))
+        return self._robots.now.take(rows)
 
     def _begin(self, rows: Rows, configs: Sequence[EpisodeConfig] = ()) -> None:
         """Put robots at the start of new episodes, by default as they are configured."""
@@ -296,17 +308,13 @@ class AquaFishVectorEnv(
         self._memory[:, rows] = memories.T
         self._reckoned[:, rows] = start.fin_angles.T
         self._swimmers.start(self._engine_robots(rows), rows)
-        self._now[:, rows] = self._swimmers.states[:, rows]
 
-    def _begin_again(self, over: Flags, outcome: Outcome) -> None:
-        """Put the robots whose episodes are over at the start of the next ones."""
-        if not over.any():
-            return
+    def _begin_again(self, over: Flags, before: Floats, seen: Observations) -> None:
+        """Begin the next episodes of the robots under ``over``, at the origin and not moving."""
         rows = np.flatnonzero(over)
         self._begin(rows)
-        outcome.moved[:, over] = 0.0  # they are at the origin
-        outcome.seen[over] = self._truth(rows)
-        outcome.fin_angles[:, over] = angles_of_rows(self._now[:, over])
+        before[:, over] = 0.0
+        seen[over] = self._truth(rows)[:, : seen.shape[1]]
 
     def _begin_at_once(self, ended: Flags, info: Info) -> Info:
         """Begin the next episodes within the step that ended them; return ``info`` of both."""
@@ -317,26 +325,27 @@ class AquaFishVectorEnv(
         return batching.put_final(info, self._first_info(), last, ended)
 
     def _truth(self, rows: Rows) -> Observations:
-        """Return what whole sensors of these robots observe."""
+        """Return what intact sensors of these robots observe."""
         return observe(state_from_numbers(self.states[:, rows]), *self._further(rows))
 
     def _further(self, rows: Rows | slice) -> tuple[Floats | None, Vector | None]:
         """Return what these robots observe beyond nine channels: fins (3, n) in rad, the goal."""
         fins = goal = None
         if self._observe_fins:
-            known = self._reckoned if self._reckons else angles_of_rows(self._now)
+            known = self._reckoned if self._reckons else angles_of_rows(self._swimmers.states)
             fins = known[:, rows]
         if self.task.has_goal:
             goal = self.task.goal(tuple(self._memory[:, rows]))
         return fins, goal
 
     def _observe(self, seen: Observations) -> None:
-        """Let all robots observe; ``seen`` holds what whole sensors observe in nine channels."""
-        if seen.shape[1] > len(CHANNELS):
-            now = state_from_numbers(self.states)
-            more = np.transpose(beyond_imu(now, *self._further(slice(None))))
-            most = self._limits[len(CHANNELS) :]
-            seen[:, len(CHANNELS) :] = np.clip(more, -most, most)
+        """Let all robots observe; intact sensors observe ``seen`` in nine channels."""
+        most = self._limits[len(CHANNELS) :]
+        if most.size:
+            more = np.transpose(
+                beyond_imu(state_from_numbers(self.states), *self._further(slice(None)))
+            )
+            seen = np.concatenate([seen, np.clip(more, -most, most)], axis=1, dtype=np.float32)
         self._sense(self._everyone, seen)
 
     def _sense(self, rows: Rows, seen: Observations) -> None:
@@ -348,37 +357,25 @@ class AquaFishVectorEnv(
         self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
     def _info(
-        self,
-        moved: dict[str, Floats],
-        terms: Terms,
-        diverged: Flags,
-        succeeded: Flags,
-        fin_angles: Floats,
+        self, moved: dict[str, Floats], terms: Terms, diverged: Flags, succeeded: Flags
     ) -> Info:
-        """Return ``info`` with what ``motion_info`` says of the step, and fin angles (3, B)."""
+        """Return ``info`` with what ``motion_info`` says of the step."""
         return moved | {
             "diverged": diverged.copy(),
             **({"is_success": succeeded.copy()} if self.task.has_success else {}),
-            "fin_angles": np.ascontiguousarray(fin_angles.T),
+            "fin_angles": np.ascontiguousarray(angles_of_rows(self._swimmers.states).T),
             **self._robots.truth(),
             **terms,
         }
 
-    def _step_info(self, outcome: Outcome, judgement: Judgement) -> Info:
-        """Return ``info`` after a step, with the masks that Gymnasium wants."""
-        moved = dict(zip(MOTION, outcome.moved, strict=True))
-        terms, succeeded = judgement.terms, judgement.succeeded
-        info = self._info(moved, terms, outcome.lost, succeeded, outcome.fin_angles)
-        return batching.masked(info, np.ones(self.num_envs, np.bool_))
-
     def _first_info(self) -> Info:
         """Return ``info`` where no step was taken: the reward's terms are 0."""
         zeros = np.zeros(self.num_envs)
-        step = self._step_from(self._now, np.zeros((3, self.num_envs)))
-        still = motion_info(step.after, step.after, self.dt)
+        step = self._step_from(self._positions(), np.zeros((3, self.num_envs)))
+        still = episode.motion_info(step.after, step.after, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
         nobody = np.zeros(self.num_envs, np.bool_)
-        return self._info(still, nothing, nobody, nobody, angles_of_rows(self._now))
+        return self._info(still, nothing, nobody, nobody)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free what the engine holds; see ``close``."""

@@ -20,9 +20,14 @@ from aquafish_gym.physics.arithmetic import (
     scale,
     small_sine_cosine,
     subtract,
+    where_less,
 )
 
 SWEEP = math.radians(30.0)  # caudal angle = SWEEP sin(phase)
+# A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
+# though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot
+# that runs away never reaches infinity there.)
+RUNAWAY_SQUARE = 1e12
 
 Pair = tuple[Number, Number]
 Joints = tuple[Pair, Pair, Pair, Vector]  # left, right, phase, the three speeds
@@ -48,6 +53,18 @@ class Drive(NamedTuple):
     right: Pair
     phase: Pair
     speeds: Pair
+
+
+def has_diverged(state: State) -> Number:
+    """Return 1 where a robot ran away or its numbers are not finite, else 0; see RUNAWAY_SQUARE."""
+    square = 0.0 * state.spin[0]  # NaN if a number is infinite or NaN
+    for x in state.orientation + state.position + state.left + state.right + state.phase:
+        square = square + 0.0 * x
+    for x in state.rates:
+        square = square + 0.0 * x
+    for x in state.velocity + state.spin:
+        square = square + x * x
+    return where_less(square, RUNAWAY_SQUARE, 0.0, 1.0)
 
 
 def joint_angles(state: State) -> Vector:

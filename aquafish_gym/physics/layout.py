@@ -132,7 +132,7 @@ def put_state(rows: Any, group: int, groups: int, state: State) -> None:
     put_joints(rows, LEFT, group, groups, (state.left, state.right, state.phase, state.rates))
 
 
-def state_from_numbers(numbers: list[float] | NDArray[np.float64]) -> State:
+def state_from_numbers(numbers: list[float] | NDArray[np.floating]) -> State:
     """Return one robot's state on plain floats, or that of states (25, B) in rows."""
     fields: list[Any] = [tuple(numbers[rows]) for rows in _STATE_FIELDS]
     return State(*fields)

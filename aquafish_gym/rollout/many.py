@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.envs.tasks import MEMORY_NUMBERS, Task, compiled_task
+from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.rollout.plan import Plan, Program, Trajectories
 from aquafish_gym.scenario import Scenario
@@ -35,7 +35,7 @@ def swim_many(
     compiled = compiled_task(plan.task)
     if compiled is not None:
         loop.functions, loop.task = compiled
-        loop["memory"] = np.pad(plan.memory.T, ((0, MEMORY_NUMBERS - plan.memory.shape[1]), (0, 0)))
+        loop.set_memory(plan.memory.T)
     loop.broken = scenario.has("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
     if loop.broken:
         if scenario.has("gyro_noise"):

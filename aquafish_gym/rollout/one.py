@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from aquafish_gym.command import scale_action
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.physics.arithmetic import Number, Vector
@@ -50,18 +50,18 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             goal = task.goal(memory) if task.has_goal else None
             observation = fish.sense(_observe(before, goal), most, rngs)
             action = finite_array("action", act(observation, t * TIMESTEP), (3,))
-            left, right, caudal = scale_action(action).tolist()
-            followed = fish.robots.drive((left, right, caudal))
+            done = tuple(np.clip(action, -1.0, 1.0).tolist())
+            command = servo_speeds(done)
+            followed = servo_speeds(fish.robots.follow(done))
             for k in range(t, min(t + plan.interval, plan.steps)):
                 if fish.change(k):
                     fish.flow(water)
                 world.advance(followed)
                 gyro[k] = world.state().spin
-                commands[k] = (left, right, caudal)
+                commands[k] = command
             if world.diverged:
                 break
             after = world.state()
-            done = tuple(np.clip(action, -1.0, 1.0).tolist())
             step = Step(before.position, after.position, after.orientation, done, memory, plan.dt)
             total += float(sum(task.reward_terms(step).values()))
             memory = task.remember(step)

@@ -161,5 +161,4 @@ class EngineTarget:
             if to is not None:
                 sensors.update(ONLY_ROBOT, sensor_columns(to.columns()))
             observed.append(sensors.record(truth[begin:end], rng))
-        recorded = np.concatenate(observed, dtype=np.float64)[None, 1:, GYRO_CHANNELS]
-        return recorded
+        return np.concatenate(observed, dtype=np.float64)[None, 1:, GYRO_CHANNELS]

@@ -75,7 +75,6 @@ class OtherWater(AquaFishVectorEnv):
         states[FIELDS["orientation"], rows] = Rotation.from_rotvec(turn).as_quat().T
         states[FIELDS["velocity"], rows] = velocity.T
         states[FIELDS["spin"], rows] = spin.T
-        self._now[:, rows] = states[:, rows]
 
     def _engine_robots(self, rows: Rows) -> Any:
         robots = super()._engine_robots(rows)

@@ -15,9 +15,9 @@ from functools import cache
 from typing import Any, Literal, get_args
 
 from aquafish_gym.engines.compiled.single import CURRENT_ENTRIES, ROBOT_ENTRIES, CompiledWorld
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import drive
+from aquafish_gym.physics.kinematics import drive, has_diverged
 from aquafish_gym.physics.layout import STATE_NUMBERS, fetch_robot, put_state, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
@@ -131,8 +131,7 @@ class DenseWorld(CompiledWorld):
             state = step(robot, state, by, (x, y, z), h)
         put_state(numbers, 0, 1, state)
         self._numbers[:STATE_NUMBERS] = numbers[:STATE_NUMBERS]
-        fast = sum(x * x for x in (*state.velocity, *state.spin))
-        self.diverged = not (math.isfinite(sum(numbers)) and fast < RUNAWAY_SQUARE)
+        self.diverged = has_diverged(state) > 0.0
 
 
 def engine_of(water: Water, phase: tuple[float, float]) -> str | type[World]:

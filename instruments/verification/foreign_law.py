@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE
+from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.scenario import TIMESTEP
 from instruments.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model

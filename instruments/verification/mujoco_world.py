@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.attitude import attitude, continue_attitude
-from aquafish_gym.physics.kinematics import State, at_rest, rotation
+from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, State, at_rest, rotation
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import InvalidArgumentError

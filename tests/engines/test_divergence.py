@@ -18,7 +18,8 @@ from aquafish_gym.engines.swim_again import is_divergence, swim_again
 from aquafish_gym.engines.worlds import diverged_states, make_world
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows
+from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, has_diverged
+from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows, state_from_numbers
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -106,7 +107,8 @@ def test_a_robot_of_a_batch_is_swum_again_alone(dtype: type[np.floating], folder
             lanes.update(rough, np.array([1, 2]))
         lanes.set_current(0.1 * rng.normal(size=(5, 3)))
         states.append(lanes.states[:STATE_NUMBERS].copy())
-        lanes.advance(rng.uniform(-0.5, 0.5, (5, 3)), 5)
+        action = rng.uniform(-1.0, 1.0, (3, 5))
+        lanes.act(action, (action[0], action[1], action[2]), 5)
     steps = {}
     for path in folder.iterdir():
         again = swim_again(path)
@@ -240,15 +242,41 @@ def test_a_robot_whose_servo_died_in_mid_swim_is_swum_again(engine: str, folder:
     assert swim_again(next(folder.iterdir())).runaway is not None
 
 
-def test_lanes_diverge_by_the_rule_of_worlds() -> None:
-    fast = make_world("numba", Scenario.create())
-    lanes = LaneBatch(Scenario.create([[0.3] * 9] * 3), np.float64)
-    lanes.states[FIELDS["velocity"], 1] = 1e7
-    lanes.states[FIELDS["spin"], 2] = np.nan
-    assert lanes.diverged.tolist() == [False, True, True]
-    fast._numbers[FIELDS["velocity"]] = 1e7  # type: ignore[attr-defined]
-    fast.advance((0.0, 0.0, 0.0), 0)
-    assert fast.diverged
+BOUND = float(np.sqrt(RUNAWAY_SQUARE))
+SPEEDS = range(FIELDS["velocity"].start, FIELDS["spin"].stop)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_every_arithmetic_says_alike_who_diverged(dtype: type[np.floating]) -> None:
+    """Rows, numbers, the compiled robot and lanes: about the bound, and for what is not finite."""
+    states = np.tile(start_rows(np.zeros((1, 3))), 600).astype(dtype)
+    rng = np.random.default_rng(0)
+    about = np.nextafter(dtype(BOUND), dtype(0)), dtype(BOUND), np.nextafter(dtype(BOUND), np.inf)
+    spoilt = [(row, x) for row in range(STATE_NUMBERS) for x in (np.inf, -np.inf, np.nan)]
+    spoilt += [(row, sign * x) for row in SPEEDS for x in (*about, 1e30) for sign in (-1, 1)]
+    for robot, (row, x) in enumerate(spoilt):
+        states[row, robot] = x
+    rest = 600 - len(spoilt)  # of all speeds at once, about the bound
+    fast = rng.normal(size=(len(SPEEDS), rest))
+    fast *= (
+        BOUND * (1 + rng.integers(-4, 5, rest) * np.finfo(dtype).eps) / np.linalg.norm(fast, axis=0)
+    )
+    states[SPEEDS.start : SPEEDS.stop, len(spoilt) :] = fast
+    lost = diverged_states(states)
+    assert lost[: 3 * STATE_NUMBERS].all()
+    assert {bool(x) for x in lost[len(spoilt) :]} == {False, True}
+    lanes = LaneBatch(Scenario.create([[0.0] * 9] * 600), dtype, states=states)
+    still = np.zeros(600)
+    found, *_ = lanes.act(np.zeros((3, 600)), (still, still, still - 1.0), 0)
+    np.testing.assert_array_equal(found, lost)
+    np.testing.assert_array_equal(lanes.diverged, lost)
+    if dtype is np.float64:
+        world = make_world("numba", Scenario.create())
+        for column, expected in zip(states.T, lost, strict=True):
+            assert has_diverged(state_from_numbers(column.tolist())) == expected
+            world._numbers[:STATE_NUMBERS] = column[:STATE_NUMBERS]  # type: ignore[attr-defined]
+            world.advance((0.0, 0.0, 0.0), 0)
+            assert world.diverged == expected
 
 
 @pytest.mark.parametrize("drag", [0.0, 1e-5])

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.world_batch import WorldBatch
@@ -21,6 +22,7 @@ from aquafish_gym.physics.layout import STATE_NUMBERS
 from aquafish_gym.rollout import rollout
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import program_of
 from gait.controllers.network import Senses
@@ -139,13 +141,18 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
         if verb == "start":
             one = replace(one, servo_lag=np.full(len(rows), LONGEST if late else 0.0))
         current = rng.uniform(-0.3, 0.3, (ROBOTS, 3))
-        command = series(turn, 1)[:, 0]
+        action = rng.uniform(-1.0, 1.0, (3, ROBOTS))
+        followed = (action[0], action[1], action[2])
+        command = np.transpose(servo_speeds(followed))
         for swimmers in many:
             if verb == "set_current":
                 swimmers.set_current(current)
             else:
                 getattr(swimmers, verb)(one, rows)
-            swimmers.advance(command, 3 + 2 * turn)
+            lost, seen, terms = swimmers.act(action, followed, 3 + 2 * turn)
+            assert not lost.any()
+            assert terms is None
+            assert_allclose(seen, observe(swimmers.state()), rtol=0, atol=1e-9)
         for robot, world in enumerate(alone):
             if verb == "set_current":
                 world.set_current(tuple(current[robot].tolist()))
@@ -157,7 +164,6 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
             found = np.concatenate(np.atleast_2d(*swimmers.state()))
             assert_allclose(found, wanted, rtol=0, atol=1e-9)
             assert_array_equal(found, swimmers.states[:STATE_NUMBERS])
-            assert not swimmers.diverged.any()
     for swimmers in many:
         swimmers.close()
         swimmers.close()

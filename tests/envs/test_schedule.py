@@ -27,6 +27,13 @@ BROKEN = Damage.parse("left_pectoral:length=0.4;caudal:width=0.5").apply(NOMINAL
 SEVERAL = (
     "gyro:noise=0.1;left_pectoral:seized=1.0;up_x:stuck@2;caudal:length=0.5@4+3;north_y:bias=0.2"
 )
+# With SEVERAL and the random ones, every word there is.
+OTHERS = (
+    "left_pectoral:thickness=0.5@2;left_pectoral:hold=1.3;left_pectoral:weak=-0.5@4;"
+    "right_pectoral:delay=2;right_pectoral:reversed@3;right_pectoral:dead@7;"
+    "caudal:scale=0.7@1+3;caudal:entangled=0.3@3;caudal:missing@9+2;"
+    "gyro:delay=1;gyro:scale=1.5@2;up_y:hold=2.5;north_x:dropped@6;up_z:delay=2@3"
+)
 COUNT = 3
 
 
@@ -133,7 +140,7 @@ def test_noise_affects_only_the_gyroscope() -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("damage", [None, SEVERAL, "random:severe@1-5+3"])
+@pytest.mark.parametrize("damage", [None, SEVERAL, OTHERS, "random:severe@1-5+3"])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_batch_equals_single_robots_to_the_bit(
     task: str, damage: str | None, mode: AutoresetMode

@@ -227,6 +227,13 @@ def test_reset_mask_resets_some_robots() -> None:
     env.step(actions(5, 1)[0])
 
 
+def flood(env: Any, robot: int, speed: float) -> None:
+    """Let the water of one robot flow at a speed that no door admits."""
+    water = np.zeros((env.num_envs, 3))
+    water[robot] = speed
+    env._swimmers.set_current(water)
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_divergence_terminates_one_robot(mode: str) -> None:
     env, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
@@ -235,7 +242,7 @@ def test_divergence_terminates_one_robot(mode: str) -> None:
     action = actions(6, 1)[0]
     good = env.step(action)[0]
     other.step(action)
-    env._swimmers.states[:, 1] = np.nan
+    flood(env, 1, 1e30)
     seen, reward, terminated, truncated, info = env.step(action)
     expected = other.step(action)[0]
     assert terminated.tolist() == [False, True, False]
@@ -250,9 +257,8 @@ def test_divergence_terminates_one_robot(mode: str) -> None:
         assert np.isfinite(seen).all()
 
 
-@pytest.mark.parametrize("speed", [1e6, -1e30, np.inf, np.nan])
-@pytest.mark.parametrize("row", range(7, 13))
-def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
+@pytest.mark.parametrize("speed", [1e3, 1e5, 1e6, -1e30, np.inf, np.nan])
+def test_divergence_is_detected_before_overflow(speed: float) -> None:
     """As the single environment tells it."""
     env = make(dtype="float64", frame_skip=1)
     single = gym.make("AquaFish-v0", engine="numba", frame_skip=1).unwrapped
@@ -261,8 +267,8 @@ def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
     single.reset(seed=1)
     good, *_ = env.step(action)
     single.step(action[1])
-    env._swimmers.states[row, 1] = speed
-    single._robot.world._numbers[row] = speed  # type: ignore[attr-defined]
+    flood(env, 1, speed)
+    single._robot.world.set_current((speed,) * 3)  # type: ignore[attr-defined]
     seen, reward, terminated, _, info = env.step(action)
     one, score, ended, _, told = single.step(action[1])
     assert terminated.tolist() == [False, ended, False]

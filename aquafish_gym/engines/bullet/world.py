@@ -20,9 +20,10 @@ import numpy as np
 
 from aquafish_gym.engines.bullet.push import compiled_push, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet, machine_memory
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
+    RUNAWAY_SQUARE,
     Joints,
     State,
     at_rest,

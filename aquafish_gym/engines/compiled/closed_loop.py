@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled import episode
+from aquafish_gym.utils.array_types import Observations, Reals
 
 
 class ClosedLoop:
@@ -34,9 +35,9 @@ class ClosedLoop:
         self.task: Any = ()
         self.broken = False
         self._batch = batch
+        self._width = width
         groups, rows = -(-batch // width), episode.EPISODE_ROWS + scratch
         self._episodes = np.zeros((groups, rows * width), dtype)
-        self._view = self._episodes.reshape(groups, rows, width)
         self._noise = np.zeros((groups, 0), dtype)
         self["alive"] = 1.0
 
@@ -47,12 +48,12 @@ class ClosedLoop:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return the rows (n, B) of a field; ``episode.EPISODE_FIELDS`` has the names."""
-        found = self._view[:, episode.EPISODE_FIELDS[name]].transpose(1, 0, 2)
+        found = self._view(name).transpose(1, 0, 2)
         return found.reshape(found.shape[0], -1)[:, : self._batch].astype(np.float64)
 
     def __setitem__(self, name: str, rows: ArrayLike) -> None:
         """Set rows (n, B) of the table; robots that fill up the last register stay as they are."""
-        view = self._view[:, episode.EPISODE_FIELDS[name]]
+        view = self._view(name)
         groups, count, width = view.shape
         table = np.broadcast_to(rows, (count, self._batch))
         whole = self._batch // width
@@ -60,9 +61,27 @@ class ClosedLoop:
         if whole < groups:
             view[whole, :, : self._batch - whole * width] = table[:, whole * width :]
 
+    def _view(self, name: str) -> Reals:
+        """View a field as (groups, n, width); a copy of this object has views of its own."""
+        table = self._episodes.reshape(len(self._episodes), -1, self._width)
+        return table[:, episode.EPISODE_FIELDS[name]]
+
+    def observed(self) -> Observations:
+        """Return what the sensors observed last, (B, 9)."""
+        rows = self._view("observed").transpose(0, 2, 1)
+        found: Observations = np.empty(rows.shape, np.float32)
+        found[:] = rows
+        return found.reshape(-1, episode.OBSERVED_CHANNELS)[: self._batch]
+
+    def set_memory(self, memory: NDArray[np.float64]) -> None:
+        """Set what a task remembers (M, B); the numbers that it does not use are 0."""
+        table = np.zeros((episode.MEMORY_NUMBERS, self._batch))
+        table[: len(memory)] = memory
+        self["memory"] = table
+
     def set_noise(self, noise: NDArray[np.float64]) -> None:
         """Set what is added to the gyroscopes in each control step (K, 3, B), rad/s."""
-        groups, _, width = self._view.shape
+        groups, width = len(self._episodes), self._width
         table = np.zeros((noise.shape[0] * 3, groups * width), self._episodes.dtype)
         table[:, : self._batch] = noise.reshape(-1, self._batch)
         by_group = table.reshape(-1, groups, width).transpose(1, 0, 2)

@@ -11,18 +11,24 @@ from itertools import accumulate
 from typing import Any
 
 from aquafish_gym.command import reckon
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
     clip,
-    dot,
     fetch,
     put,
     where_less,
 )
-from aquafish_gym.physics.layout import fetch_vector, put_vector
-from aquafish_gym.sense import GYRO_RANGE, faulty
+from aquafish_gym.physics.kinematics import State, has_diverged
+from aquafish_gym.physics.layout import (
+    RPY,
+    STATE_ROWS,
+    fetch_state,
+    fetch_vector,
+    put_state,
+    put_vector,
+)
+from aquafish_gym.sense import GYRO_RANGE, faulty, up_and_north
 
 _SIZES = {
     "fins": 3,  # where the controller believes the fins to be, in turns
@@ -30,6 +36,7 @@ _SIZES = {
     "before": 3,  # where the robot was when the control step began, units
     "action": 3,  # of the control step, in [-1, 1]
     "memory": 6,  # the task's
+    "terms": 3,  # of the reward of an action
     "total": 1,  # the sum of the rewards
     "alive": 1,  # 1 until the robot diverges, then 0
     # Of the nine channels of the inertial measurement unit:
@@ -48,6 +55,7 @@ GAIN_ROW = EPISODE_FIELDS["gain"].start
 BEFORE_ROW = EPISODE_FIELDS["before"].start
 ACTION_ROW = EPISODE_FIELDS["action"].start
 MEMORY_ROW = EPISODE_FIELDS["memory"].start
+TERMS_ROW = EPISODE_FIELDS["terms"].start
 TOTAL_ROW = EPISODE_FIELDS["total"].start
 ALIVE_ROW = EPISODE_FIELDS["alive"].start
 OBSERVED_ROW = EPISODE_FIELDS["observed"].start
@@ -58,6 +66,7 @@ STUCK_ROW = EPISODE_FIELDS["stuck"].start
 DROPPED_ROW = EPISODE_FIELDS["dropped"].start
 EPISODE_ROWS = _FIRST[-1]
 OBSERVED_CHANNELS = _SIZES["observed"]
+MEMORY_NUMBERS = _SIZES["memory"]
 _FIRST_OF_GYRO = 6
 
 
@@ -128,11 +137,41 @@ def note_action(kept: Any, action: Vector, command: Vector, position: Vector, dt
     put_vector(kept, BEFORE_ROW, 0, 1, position)
 
 
-def note_divergence(kept: Any, velocity: Vector, spin: Vector) -> None:
+def note_divergence(kept: Any, state: State) -> None:
     """Note whether the robot diverged."""
-    square = dot(velocity, velocity) + dot(spin, spin)
-    alive = fetch(kept, ALIVE_ROW, velocity[0])
-    put(kept, ALIVE_ROW, where_less(square, RUNAWAY_SQUARE, alive, 0.0))
+    alive = fetch(kept, ALIVE_ROW, state.spin[0])
+    put(kept, ALIVE_ROW, where_less(0.0, has_diverged(state), 0.0, alive))
+
+
+def end_action(
+    kept: Any, states: Any, group: int, groups: int, state: State, rpy: Vector, scratch: Any
+) -> None:
+    """Write the states after an action, who diverged in it, and what intact sensors observe.
+
+    Robots that diverged stay in the state before. ``scratch`` is as long as a state.
+    """
+    like = rpy[0]
+    lost = has_diverged(state)
+    put(kept, ALIVE_ROW, 1.0 - lost)
+    put_state(scratch, 0, 1, state)
+    put_vector(scratch, RPY, 0, 1, rpy)
+    for row in range(STATE_ROWS):
+        i = row * groups + group
+        before = fetch(states, i, like)
+        put(states, i, where_less(0.0, lost, before, fetch(scratch, row, like)))
+    last = fetch_state(states, group, groups, like)
+    up, north = up_and_north(last.orientation)
+    for i in range(3):
+        put(kept, OBSERVED_ROW + i, clip(up[i], 1.0))
+        put(kept, OBSERVED_ROW + 3 + i, clip(north[i], 1.0))
+        put(kept, OBSERVED_ROW + 6 + i, clip(last.spin[i], GYRO_RANGE))
+
+
+def put_terms(kept: Any, terms: tuple[Number, ...], like: Number) -> None:
+    """Write the terms of an action's reward, 0 of robots that diverged."""
+    alive = fetch(kept, ALIVE_ROW, like)
+    for k in range(len(terms)):
+        put(kept, TERMS_ROW + k, where_less(0.0, alive, terms[k], 0.0 * like))
 
 
 def note_reward(kept: Any, terms: tuple[Number, ...], like: Number) -> None:

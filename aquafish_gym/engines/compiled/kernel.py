@@ -2,7 +2,7 @@
 
 A policy is a plain function of straight-line scalar Python that commands the servos;
 :func:`compile_kernel` compiles it, the task and the physics into one loop. An open-loop policy is
-one of ``policies.py``. Any other is
+one of ``policies.py``: so an environment's step is this loop for one action. Any other is
 
     policy(weights, layout, scratch, group, groups, time, up, north, gyro, fins, way) -> action
 
@@ -36,15 +36,17 @@ from aquafish_gym.engines.compiled.episode import (
     BEFORE_ROW,
     EPISODE_ROWS,
     RECKONED_ROW,
+    end_action,
     fetch_memory,
     note_action,
     note_divergence,
     note_reward,
     put_memory,
+    put_terms,
     sensed,
 )
 from aquafish_gym.engines.compiled.lag import arrived, begin_lag, remember
-from aquafish_gym.engines.compiled.policies import OPEN_LOOP
+from aquafish_gym.engines.compiled.policies import OPEN_LOOP, act
 from aquafish_gym.engines.compiled.recording import (
     BLOCK,
     GYRO_BIT,
@@ -64,6 +66,7 @@ from aquafish_gym.physics.layout import (
     ROBOT_ROWS,
     RPY,
     SERVO_GAIN,
+    STATE_ROWS,
     fetch_robot,
     fetch_state,
     fetch_vector,
@@ -106,10 +109,13 @@ def compile_kernel(
         register_module(module)
     register_module(sys.modules[policy.__module__])
     simd.inlined(policy)
-    closed, judged = policy not in OPEN_LOOP, functions is not None
-    flows = judged and functions.current is not None
-    aims = judged and functions.goal is not None
-    remembers = judged and functions.remember is not None
+    closed = policy not in OPEN_LOOP
+    acts = policy is act
+    judged = functions is not None
+    # An action's water, goal and memory are the caller's.
+    flows = closed and judged and functions.current is not None
+    aims = closed and judged and functions.goal is not None
+    remembers = closed and judged and functions.remember is not None
     current_of = functions.current if flows else _no_function
     goal_of = functions.goal if aims else _no_function
     recall: Any = functions.remember if remembers else _no_function
@@ -140,6 +146,7 @@ def compile_kernel(
         series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
         whole = np.empty(width if late else 0, parameters.dtype)
         scratch = np.empty(3 * width if late else 0, parameters.dtype)
+        latest = np.empty(STATE_ROWS * width if acts else 0, parameters.dtype)
         rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
         dt = interval * TIMESTEP
         for group in range(begin, end):
@@ -149,6 +156,7 @@ def compile_kernel(
             current = fetch_vector(conditions, CURRENT, group, groups, zero)
             gain = fetch_vector(conditions, SERVO_GAIN, group, groups, zero)
             kept, noise = episodes[group], noises[group]
+            start = state.position
             if late:
                 share = begin_lag(conditions, group, groups, whole, zero)
                 older = arrived(given[group], whole, scratch, first_step - 1, zero)
@@ -206,8 +214,8 @@ def compile_kernel(
                 if held == interval:
                     held = 0
                 if closed and held == 0:
-                    note_divergence(kept, state.velocity, state.spin)
-                if judged and held == 0:
+                    note_divergence(kept, state)
+                if closed and judged and held == 0:
                     memory = fetch_memory(kept, zero)
                     done = make_step(
                         fetch_vector(kept, BEFORE_ROW, 0, 1, zero),
@@ -233,8 +241,21 @@ def compile_kernel(
                 write_spectrum(series, roots, steps, spectra, group, zero)
             if rates_only:
                 rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
-            put_state(states, group, groups, state)
-            put_vector(states, RPY, group, groups, rpy)
+            if acts:
+                end_action(kept, states, group, groups, state, rpy, latest)
+                if judged:
+                    done = make_step(
+                        start,
+                        state.position,
+                        state.orientation,
+                        fetch_vector(weights, 3, group, groups, zero),
+                        fetch_memory(kept, zero),
+                        dt,
+                    )
+                    put_terms(kept, rewards(task, done), zero)
+            else:
+                put_state(states, group, groups, state)
+                put_vector(states, RPY, group, groups, rpy)
             if flows:
                 put_vector(conditions, CURRENT, group, groups, current)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import CompiledPolicy, compile_kernel
 from aquafish_gym.engines.compiled.lag import GivenCommands
-from aquafish_gym.engines.compiled.policies import hold, perform
+from aquafish_gym.engines.compiled.policies import act, hold, perform
 from aquafish_gym.engines.compiled.recording import (
     GYRO_BIT,
     POSE_BIT,
@@ -26,8 +25,15 @@ from aquafish_gym.engines.compiled.recording import (
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
-from aquafish_gym.engines.worlds import Swimmers, check_lags, longest_lags, remembered_steps
+from aquafish_gym.engines.worlds import (
+    Swimmers,
+    check_lags,
+    diverged_states,
+    longest_lags,
+    remembered_steps,
+)
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import check_compiler
 from aquafish_gym.physics.layout import (
     CONDITION_ROWS,
@@ -41,7 +47,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.array_types import Floats, Reals
+from aquafish_gym.utils.array_types import Flags, Floats, Observations, Reals
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 Selection = NDArray[np.bool_] | NDArray[np.intp]
@@ -119,6 +125,9 @@ class LaneBatch(Swimmers):
         self.steps_done = 0
         nothing = np.zeros((self.groups, 0), dtype)
         self._no_loop = (nothing, nothing, False)
+        self._step: ClosedLoop | None = (
+            None  # what the kernel says of an action, once one was given
+        )
         pack = functools.partial(pack_rows, dtype=dtype, width=self.width)
         robots = scenario.beginning
         # One table after the other: each is packed while the cache holds it.
@@ -162,14 +171,39 @@ class LaneBatch(Swimmers):
         """Set the velocity of the water (B, 3) from now on, units/s in the world."""
         self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = current.T
 
-    def advance(
-        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
-    ) -> None:
-        """Hold commands (B, 3); see :class:`~aquafish_gym.engines.worlds.Swimmers`."""
+    def advance(self, command: Floats, steps: int = 1) -> None:
+        """Hold commands (B, 3), in rev/s, rev/s and Hz, for some steps of 0.01 s."""
         self._check_commands(command)
         self._table(self._commands, 3)[:] = command.T
         output = self._without_spectra(self._logs())
-        self._run(hold, (self._commands, _NO_LAYOUT), steps, (steps, 0), output, 0, after=after)
+        self._run(hold, (self._commands, _NO_LAYOUT), steps, (steps, 0), output, 0)
+
+    def act(
+        self,
+        action: Floats,
+        followed: Vector,
+        steps: int = 1,
+        task: Any = None,
+        memory: Floats | None = None,
+    ) -> tuple[Flags, Observations, Floats | None]:
+        if self._step is None:
+            self._step = ClosedLoop(self.batch, self.width, self.dtype, 0)
+            self._actions = pack_rows(np.zeros((6, self.batch)), self.dtype, self.width)
+        loop = self._step
+        table = self._table(self._actions, 6)
+        table[:3] = followed
+        table[3:] = action
+        loop.functions, loop.task = task or (None, ())
+        if memory is not None and memory.size:
+            loop.set_memory(memory)
+        output = self._without_spectra(self._logs())
+        self._run(act, (self._actions, _NO_LAYOUT), steps, (steps, 0), output, 0, loop)
+        return loop["alive"][0] == 0.0, loop.observed(), None if task is None else loop["terms"]
+
+    @property
+    def diverged(self) -> Flags:
+        """Which robots (B,) ran away or left the finite numbers."""
+        return diverged_states(self.states)
 
     def log(
         self, commands: Floats, steps: int, record: str, interval: int = 1, begun: int = 0
@@ -272,7 +306,6 @@ class LaneBatch(Swimmers):
         output: Any,
         bits: int,
         loop: ClosedLoop | None = None,
-        after: Callable[[int, int], None] | None = None,
     ) -> None:
         """Run the kernel on as many threads as are worth it.
 
@@ -289,8 +322,6 @@ class LaneBatch(Swimmers):
         def part(begin: int, end: int) -> None:
             tables = (self._parameters, self._states, self._conditions, self._given.table)
             kernel(*tables, program, task, h, clock, output, bits, begin, end)
-            if after is not None:
-                after(begin * self.width, min(end * self.width, self.batch))
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))

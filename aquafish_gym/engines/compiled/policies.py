@@ -1,4 +1,4 @@
-"""Open-loop policies of the compiled time loop: a command that is held, and a series of them.
+"""Open-loop policies of the compiled time loop: a command or an action that is held, and a series.
 
 They return a command in rev/s, rev/s and Hz:
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.physics.layout import fetch_vector
 from aquafish_gym.scenario import TIMESTEP
@@ -37,4 +38,12 @@ def perform(
     return fetch_vector(weights, 3 * command, group, groups, like)
 
 
-OPEN_LOOP = (hold, perform)
+def act(weights: Any, _layout: Any, group: int, groups: int, _time: float, like: Number) -> Vector:
+    """Follow the action in the first three rows of ``weights``.
+
+    It may be late. The action that the task judges is in the next three rows.
+    """
+    return servo_speeds(fetch_vector(weights, 0, group, groups, like))
+
+
+OPEN_LOOP = (hold, perform, act)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch, Selection
 from aquafish_gym.engines.divergence import Recording
-from aquafish_gym.engines.worlds import diverged_states
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.utils.array_types import Flags, Floats, Observations
 
 
 class RecordedLanes(LaneBatch):
@@ -40,9 +41,15 @@ class RecordedLanes(LaneBatch):
         super().set_current(current)
         self._recording.set_current(current)
 
-    def advance(
-        self, command: Floats, steps: int = 1, after: Callable[[int, int], None] | None = None
-    ) -> None:
-        self._recording.note(self.states, command, steps)
-        super().advance(command, steps, after)
-        self._recording.judge(diverged_states(self.states))
+    def act(
+        self,
+        action: Floats,
+        followed: Vector,
+        steps: int = 1,
+        task: Any = None,
+        memory: Floats | None = None,
+    ) -> tuple[Flags, Observations, Floats | None]:
+        self._recording.note(self.states, np.transpose(servo_speeds(followed)), steps)
+        found = super().act(action, followed, steps, task, memory)
+        self._recording.judge(found[0])
+        return found

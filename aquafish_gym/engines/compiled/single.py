@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.worlds import RUNAWAY_SQUARE, World
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import State, drive
+from aquafish_gym.physics.kinematics import State, drive, has_diverged
 from aquafish_gym.physics.layout import (
-    LEFT,
     ROBOT_ROWS,
     STATE_NUMBERS,
-    VELOCITY,
     angles_of_rows,
     fetch_robot,
     fetch_state,
@@ -64,12 +62,7 @@ def compile_single(reactive: bool = False) -> Any:
         for _ in range(steps):
             state = swim(robot, state, by, current, h)
         put_state(v, 0, 1, state)
-        nothing, squares = 0.0, 0.0  # nothing stays 0 unless a number is infinite or NaN
-        for i in range(STATE_NUMBERS):
-            nothing += v[i] * 0.0
-        for i in range(VELOCITY, LEFT):
-            squares += v[i] * v[i]
-        return nothing == 0.0 and squares < RUNAWAY_SQUARE
+        return bool(has_diverged(state) == 0.0)
 
     # Division by zero is infinity, as in the lanes, and no exception.
     return compiled(advance, slow=True, nogil=True, error_model="numpy")
