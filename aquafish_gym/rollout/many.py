@@ -71,7 +71,7 @@ def _set_sensors(loop: Any, rows: Any, robots: Scenario) -> None:
 
 
 def _drawn_noise(plan: Plan) -> Floats:
-    """Return the gyroscopes' noise in each observation (K, 3, B), drawn as ``Sensors`` does."""
+    """Return the gyroscopes' noise in each observation (K, 3, B), drawn as ``Side`` does."""
     batch, begins = len(plan.scenario), np.arange(0, plan.steps, plan.interval)
     deviation = np.tile(plan.scenario.beginning.gyro_noise, (len(begins), 1))
     for step, _, robots, to in plan.scenario.segments(plan.steps):

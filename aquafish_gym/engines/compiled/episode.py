@@ -93,7 +93,7 @@ def sensed(
     north: Vector,
     gyro: Vector,
 ) -> tuple[Vector, Vector, Vector]:
-    """Return up, north and gyro as the sensors observe them: ``Sensors.observe`` in any arithmetic.
+    """Return up, north and gyro as the sensors observe them: ``transmit.sense`` in any arithmetic.
 
     ``noise`` has three rows for each control step, or none; ``first`` is whether this is the first
     observation since sensors changed.
