@@ -85,7 +85,8 @@ class FaultPlayer:
         self._constants: dict[tuple[str, tuple[int, ...]], Any] = {}  # what ``info`` has of nothing
         self._clock = 0  # steps that all robots have taken
         self._due = 0  # on NumPy, the step of the clock at which something changes next
-        self._truth: Arrays | None = None  # on NumPy, what ``info`` has, until something changes
+        # On NumPy, what ``info`` has until something changes, without late channels or with them.
+        self._truth: dict[bool, Arrays] = {}
         self._idle = False  # whether no episode of a table that was drawn has a fault
         everyone = library.put(np.asarray(True), "bool")
         self.everyone = library.xp.broadcast_to(everyone, (count,))
@@ -193,17 +194,13 @@ class FaultPlayer:
         """Return what is broken, by its names in ``info``; on NumPy copies of it."""
         if not self._host:
             return self._told()
-        if self._truth is None or len(self._truth) != self._told_words:
-            self._truth = self._told()
-        return {name: column.copy() for name, column in self._truth.items()}
-
-    @property
-    def _told_words(self) -> int:
-        """How many names ``info`` has, which are more from the first late damage on."""
-        late = len(SIDES) * len(_SHOWN_LATE) if self._channels.late else 0
-        return 1 + sum(map(len, _SHOWN.values())) + late
+        late = self._channels.late
+        if late not in self._truth:
+            self._truth = {late: self._told()}
+        return {name: column.copy() for name, column in self._truth[late].items()}
 
     def _told(self) -> Arrays:
+        """Return what is broken, by its names in ``info``."""
         now = self._state["now"]
         found: Arrays = {"faults": now["faults"]}
         for side in SIDES:
@@ -239,7 +236,7 @@ class FaultPlayer:
         """Let robots become what the table says of this step."""
         self._state = self._turn(self._tables, self._rates, self._state, self._clock, begins)
         if self._host:
-            self._truth = None
+            self._truth = {}
             state = self._state
             growing = any(rate[state["row"]].any() for rate in self._rates.values())
             due = int((state["until"] + state["start"]).min())

@@ -214,8 +214,10 @@ class VectorFaultWrapper(_VectorWrapper):
         if self._host is None:
             self._host = HostFaults(self._channels, self.num_envs)
             self._player = self._host.player
-        self._host.streams.seed(seeds)
         began = np.ones(self.num_envs, np.bool_) if mask is None else np.array(mask)
+        self._host.streams.seed(
+            [one if own else None for one, own in zip(seeds, began, strict=True)]
+        )
         self._host.load(np.flatnonzero(began), damages)
         self._player.begin(began)
         return self._first(observations, info, began, mask is None)

@@ -190,3 +190,18 @@ def test_noise_of_numpy_has_its_size_and_is_white() -> None:
     np.testing.assert_allclose(away.std(axis=0), [[0.2, 0.1]] * 4, rtol=0.1)
     pairs = [(away[1:, 0, 0], away[:-1, 0, 0]), (away[:, 0, 0], away[:, 1, 0]), away[:, 2].T]
     assert all(abs(np.corrcoef(*pair)[0, 1]) < 0.1 for pair in pairs)
+
+
+def test_a_mask_begins_only_the_streams_of_its_robots() -> None:
+    def batch() -> VectorFaultWrapper:
+        envs = SyncVectorEnv([lambda: Counter(2000)] * 2, autoreset_mode=AutoresetMode.DISABLED)
+        wrapped = VectorFaultWrapper(envs, "observation:noise=0.2")
+        wrapped.reset(seed=[3, 4])
+        return wrapped
+
+    still = np.zeros((2, 2), np.float32)
+    one, other = batch(), batch()
+    mask = np.array([True, False])
+    first = other.reset(seed=[3, 4], options={"reset_mask": mask})[0]
+    np.testing.assert_array_equal(first[0], batch().reset(seed=[3, 4])[0][0])
+    np.testing.assert_array_equal(other.step(still)[0][1], one.step(still)[0][1])
