@@ -55,10 +55,7 @@ for _id, _kwargs in IDS.items():
 
 # A trainer's worker is a new Python, which knows no ids of ours if it cannot import the program
 # that started it, such as a notebook. Gymnasium reads no entry points of installed packages; but
-# the fork server, from which workers come, imports what it is told, unless it runs already.
+# the fork server, from which workers come, imports what it is told, unless it runs already. A
+# program that names modules of its own does so after this import, and names this one among them.
 if "forkserver" in _multiprocessing.get_all_start_methods():
-    from multiprocessing.forkserver import _forkserver
-
-    _known = getattr(_forkserver, "_preload_modules", ["__main__"])
-    if __name__ not in _known:
-        _multiprocessing.set_forkserver_preload([*_known, __name__])
+    _multiprocessing.set_forkserver_preload(["__main__", __name__])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
     """``get_attr``, ``set_attr``, ``call`` and the seeds of a batch, robot by robot."""
 
     _seeded: Sequence[tuple[np.random.Generator, int]] = ()
+    _added: Mapping[str, list[Any]] = MappingProxyType({})  # the attributes that set_attr added
     _rngs: list[np.random.Generator]
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
@@ -54,25 +56,14 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
                 f"call must not be of {name!r}, as robots of a batch have no {name} of their own: "
                 f"use {name} of the batch, which takes a reset_mask among its options"
             )
-        if name not in ATTRIBUTE_METHODS:
-            found = self._attributes(name)
-            return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
-        return self._ask(name, *args, **kwargs)
-
-    def _ask(self, question: str, name: str, *values: Any, **options: Any) -> tuple[Any, ...]:
-        if question == "get_wrapper_attr":
-            return self._attributes(name)
-        if question == "has_wrapper_attr":
-            known = name in self._added or name in (
-                *BATCH_ATTRIBUTES,
-                *OWN_ATTRIBUTES,
-                *ATTRIBUTE_METHODS,
-                "render",
-            )
-            return (known,) * self.num_envs
-        (value,) = values or (options["value"],)
-        self.set_attr(name, [value] * self.num_envs)
-        return (True,) * self.num_envs
+        if name == "get_wrapper_attr":
+            return self._attributes(*args, **kwargs)
+        if name == "has_wrapper_attr":
+            return (self._has_attribute(*args, **kwargs),) * self.num_envs
+        if name == "set_wrapper_attr":
+            return self._set_attributes(*args, **kwargs)
+        found = self._attributes(name)
+        return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of each robot's environment; AttributeError if there is none."""
@@ -105,7 +96,7 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
                 f"{name} of robots cannot be set, as the batch is made with it: make another one"
             )
         else:
-            self._added[name] = each
+            self._added = {**self._added, name: each}
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -129,11 +120,15 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         self._seeded = self._seeded or [seeding.np_random() for _ in range(self.num_envs)]
         return self._seeded
 
-    @property
-    def _added(self) -> dict[str, list[Any]]:
-        """The attributes that ``set_attr`` added."""
-        found: dict[str, list[Any]] = self.__dict__.setdefault("_attributes_added", {})
-        return found
+    def _has_attribute(self, name: str) -> bool:
+        return name in (
+            *self._added, *BATCH_ATTRIBUTES, *OWN_ATTRIBUTES, *ATTRIBUTE_METHODS, "render"
+        )  # fmt: skip
+
+    def _set_attributes(self, name: str, value: Any, force: bool = True) -> tuple[bool, ...]:  # noqa: ARG002
+        """Do what Gymnasium's ``set_wrapper_attr`` does, for each robot."""
+        self.set_attr(name, [value] * self.num_envs)
+        return (True,) * self.num_envs
 
     def _attributes(self, name: str) -> tuple[Any, ...]:
         if name in self._added:
