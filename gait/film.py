@@ -13,9 +13,7 @@ from tyro.conf import Positional, arg
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
-from aquafish_gym.engines.swim_again import SwimAgain, is_divergence, swim_again
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering.course import FilmedSwim
 from aquafish_gym.rendering.films import film, film_suffix
 from aquafish_gym.rendering.replay import write_replay
@@ -56,8 +54,7 @@ class Film(Given):
     )  # fmt: skip
 
     controllers: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
-    """One controller.json or more, as evolve writes it. Or files of swims that diverged: their last
-    seconds are swum again."""
+    """One controller.json or more, as evolve writes it."""
     out: Annotated[Path, arg(metavar="FILE")] = Path("film.webp")
     """The film: .webp, .gif, or .mp4, which needs the extra film."""
     html: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -90,7 +87,7 @@ class Film(Given):
         out = output_file(self.html, "html") if self.html else output_file(self.out)
         if not self.html:
             film_suffix(out)
-        swims = self._swims_again() if any(map(is_divergence, self.controllers)) else self._swims()
+        swims = self._swims()
         if self.html:
             write_replay(swims, out, self.title or "AquaFish")
         else:
@@ -99,23 +96,6 @@ class Film(Given):
                     swims, out, self.width, self.height, self.fps, self.speed, self.title, show
                 )  # fmt: skip
         print(printable(f"{'Replay' if self.html else 'Film'}: {out}"))
-
-    def _swims_again(self) -> list[FilmedSwim]:
-        """Return the last seconds of swims that diverged, and print how they end."""
-        self.refuse_given(
-            ("morphology", "damage", "seconds", "engine", "seed"), "on swims that diverged"
-        )
-        labels = self.label or tuple(path.stem for path in self.controllers)
-        if len(labels) != len(self.controllers):
-            raise InvalidArgumentError(
-                f"label must be {len(self.controllers)} values; got {len(labels)}"
-            )
-        swims = []
-        for path, label in zip(self.controllers, labels, strict=True):
-            again = swim_again(path)
-            print(printable(f"{label}: {again.explain()}"))
-            swims.append(filmed_again(label, again))
-        return swims
 
     def _swims(self) -> list[FilmedSwim]:
         """Return the swims of all fish, and print how far they come."""
@@ -202,22 +182,4 @@ def filmed(
         broken[later] = sizes | (now.servo_gain[0] != 1.0)
     return FilmedSwim(
         label, swim.time, bodies, broken, swim.position, swim.quaternion, swim.fin_angles
-    )
-
-
-def filmed_again(label: str, again: SwimAgain) -> FilmedSwim:
-    """Return a film of the last second before a robot ran away.
-
-    A fin is broken if its servo does not follow its command.
-    """
-    kept = slice(0, again.runaway)
-    states = again.states[kept]
-    return FilmedSwim(
-        label,
-        again.time[kept],
-        again.bodies[kept],
-        again.servo_gain[kept] != 1.0,
-        states[:, FIELDS["position"]],
-        states[:, FIELDS["orientation"]],
-        angles_of_rows(states.T).T,
     )

@@ -1,224 +1,118 @@
-"""Files of robots that diverged: their state a second before, and what they did since.
-
-If the variable ``AQUAFISH_DIVERGED`` of the environment names a folder, a robot that diverges
-leaves a file there; without it nothing is recorded. ``aquafish film FILE`` swims the last second
-again, by :func:`~aquafish_gym.engines.swim_again.swim_again`. The recorded commands are those that
-the servos followed: delays, lags and policies are already in them.
-
-The compiled engine begins in any state. PyBullet does not: its files hold the whole swim.
-"""
-
-from __future__ import annotations
+"""Files of robots that diverged: the arguments with which ``simulate`` swims them again."""
 
 import hashlib
-from collections import deque
+import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import World
-from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import State
-from aquafish_gym.physics.layout import STATE_NUMBERS, put_state
-from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows, Triple
-from aquafish_gym.utils.storage import encode_document, write_bytes
+from aquafish_gym.command import COMMAND_LOW, servo_speeds
+from aquafish_gym.physics.kinematics import rotation, to_body
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats, Rows
+from aquafish_gym.utils.storage import write_bytes
 
-SCHEMA = "aquafish.divergence/1"
-RECORDED_STEPS = round(1.0 / TIMESTEP)  # a second
 MOST_FILES = 10  # in a folder: whole batches may diverge
-START_FIELDS = ("fin_angles", "velocity", "spin")  # that an engine reads at the start alone
-# The fields of a scenario that an engine reads, besides the current.
-READ_FIELDS = ("body", *START_FIELDS, "drag", "fin_density", "servo_gain")
 
 
-class _Moment(NamedTuple):
-    """What B robots were when a command began, and the command."""
+class Recorded:
+    """An engine of one robot, or of B, that writes a file of each robot that diverges.
 
-    states: Reals  # (22, B)
-    robots: dict[str, Floats]  # the fields that engines read
-    current: Floats  # (B, 3)
-    command: Floats  # (B, 3) rev/s, rev/s and Hz
-    steps: int
-
-
-class Recording:
-    """The last second of B robots on an engine, or their whole swims.
-
-    Parameters
-    ----------
-    folder
-        Where files are written.
-    engine, dtype, substeps
-        How the robots swim.
-    resumes
-        Whether the engine begins in any state; else whole swims are kept.
+    ``simulate`` knows no changes, so a file begins where the robot or its water last changed, in
+    the robot's axes there. Its commands are the servos' times their gains. ``how`` has the
+    arguments ``engine``, ``dtype`` and ``substeps``. Robots with heavy fins or late servos leave
+    no file.
     """
 
-    def __init__(
-        self, folder: Path, engine: str, dtype: type[np.floating], substeps: int, resumes: bool
-    ) -> None:
-        self._folder = folder
+    def __init__(self, engine: Any, scenario: Scenario, folder: Path, how: dict[str, Any]) -> None:
         self._engine = engine
-        self._dtype = np.dtype(dtype).name
-        self._substeps = substeps
-        self._resumes = resumes
-        self._moments: deque[_Moment] = deque()
-        self._steps = 0  # of the recorded moments
-        self._clock = 0  # steps since the recording began
-        self._robots: dict[str, Floats] = {}
-        self._current: Floats = np.zeros((0, 3))
-        self._begun: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._lost: Flags = np.zeros(0, np.bool_)
-        self._reactive = False
+        self._folder = folder
+        self._how = how | {"reactive": scenario.reactive, "record": "pose"}
+        self._robots = scenario.beginning.copy().columns()
+        self._start: dict[str, Floats] = {}
+        self._clock = 0  # steps of 0.01 s
+        self._speeds: list[tuple[int, int, Floats]] = []  # from and to which step, (B, 3)
+        self._began, self._since = np.zeros((2, len(scenario)), np.int64)
+        self._lost = np.zeros(len(scenario), np.bool_)
 
-    def start(self, scenario: Scenario, rows: Rows | None = None) -> None:
-        """Note that robots begin a scenario; without ``rows`` they are all robots there are."""
-        if rows is None:
-            self._moments.clear()
-            self._steps = 0
-            self._reactive = scenario.reactive
-            self._begun = np.zeros(len(scenario), np.int64)
-            self._lost = np.zeros(len(scenario), np.bool_)
-            rows = np.arange(len(scenario))
-            self._robots = _read_fields(scenario)
-            self._current = scenario.current
-        self._begun[rows] = self._clock
-        self._lost[rows] = False
-        self._note_robots(scenario, rows, READ_FIELDS)
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # of a copy that is being made
+            raise AttributeError(name)
+        return getattr(self._engine, name)
 
-    def update(self, scenario: Scenario, rows: Rows) -> None:
-        """Note that robots become those of a scenario. Earlier moments keep what they were."""
-        # They keep their motion. The angle of a servo that dies in mid-swim is not even a number.
-        lasting = tuple(name for name in READ_FIELDS if name not in START_FIELDS)
-        self._note_robots(scenario, rows, lasting)
+    def start(self, scenario: Scenario, *rows: Rows) -> None:
+        self._engine.start(scenario, *rows)
+        self._began[rows or ...] = self._clock
+        self._lost[rows or ...] = False
+        self._change(scenario.beginning.columns(), rows or ...)
 
-    def _note_robots(self, scenario: Scenario, rows: Rows, names: tuple[str, ...]) -> None:
-        self._robots = {name: table.copy() for name, table in self._robots.items()}
-        fields = _read_fields(scenario)
-        for name in names:
-            self._robots[name][rows] = fields[name]
-        self._current = self._current.copy()
-        self._current[rows] = scenario.current
+    def update(self, scenario: Scenario, *rows: Rows) -> None:
+        self._engine.update(scenario, *rows)
+        self._change(scenario.columns(), rows or ...)
 
-    def set_current(self, current: Floats) -> None:
-        """Note the velocity of the water (B, 3), units/s in the world."""
-        self._current = np.array(current, np.float64)
+    def set_current(self, current: Any) -> None:
+        self._engine.set_current(current)
+        rows = np.flatnonzero((self._robots["current"] != current).any(axis=1))
+        self._change({"current": np.reshape(current, (-1, 3))[rows]}, rows)
 
-    def note(self, states: Reals, command: Floats, steps: int) -> None:
-        """Note states (22 or more, B), and the commands (B, 3) that are held from now on."""
-        moment = _Moment(
-            states[:STATE_NUMBERS].copy(), self._robots, self._current, command.copy(), steps
-        )
-        self._moments.append(moment)
-        self._steps += steps
+    def advance(self, command: Any, steps: int = 1) -> None:
+        self._hold(command, steps)
+        self._engine.advance(command, steps)
+        self._judge(self._engine.diverged)
+
+    def act(self, action: Any, followed: Any, steps: int = 1, *judged: Any) -> Any:
+        self._hold(np.transpose(servo_speeds(followed)), steps)
+        found = self._engine.act(action, followed, steps, *judged)
+        self._judge(found[0])
+        return found
+
+    def _hold(self, command: Any, steps: int) -> None:
         self._clock += steps
-        while self._resumes and self._steps - self._moments[0].steps >= RECORDED_STEPS:
-            self._steps -= self._moments.popleft().steps
+        speeds = self._robots["servo_gain"] * command
+        self._speeds.append((self._clock - steps, self._clock, speeds))
+        needed = self._since.min()
+        self._speeds = [one for one in self._speeds if one[1] >= needed]
 
-    def judge(self, lost: Flags) -> None:
-        """Write a file of each robot that is lost (B,) and was not before."""
+    def _judge(self, lost: Any) -> None:
         for robot in np.flatnonzero(lost & ~self._lost).tolist():
             self._write(robot)
         self._lost |= lost
 
+    def _change(self, fields: dict[str, Floats], rows: Any) -> None:
+        for name, table in fields.items():
+            self._robots[name][rows] = table
+        state = self._engine.state()
+        fins = [np.arctan2(sine, cosine) for cosine, sine in (state.left, state.right, state.phase)]
+        axes: Any = rotation(tuple(np.reshape(q, -1) for q in state.orientation))  # type: ignore[arg-type]
+        start = {"fin_angles": fins, "velocity": to_body(axes, state.velocity), "spin": state.spin}
+        water = to_body(axes, tuple(self._robots["current"].T))
+        for name, vector in (start | {"current": water}).items():
+            table = np.reshape(vector, (3, -1)).T
+            self._start.setdefault(name, table.copy())[rows] = table[rows]
+        self._since[rows] = self._clock
+
     def _write(self, robot: int) -> None:
-        if len([*self._folder.glob(_name("*"))]) >= MOST_FILES:
+        full = len([*self._folder.glob("diverged-*.json")]) >= MOST_FILES
+        heavy = (self._robots["fin_density"][robot] != 1.0).any()
+        if full or heavy or self._robots["servo_lag"][robot]:
             return
-        began = self._clock - self._steps  # of the earliest moment
-        moments = list(self._moments)
-        while began < self._begun[robot]:  # those of an earlier episode
-            began += moments.pop(0).steps
-        state = moments[0].states[:, robot].astype(np.float64)
-        if not np.isfinite(state).all():
-            return  # it was written there: no swim leads to it
-        content = {
-            "engine": self._engine,
-            "dtype": self._dtype,
-            "substeps": self._substeps,
-            "reactive": self._reactive,
-            "begins": began - int(self._begun[robot]),
-            "state": state if self._resumes else None,
-            **_described(moments, robot),
+        since = self._since[robot].item()
+        # The command before says how fast the servos turn at first.
+        first = max(self._began[robot].item(), since - 1)
+        held = [one for one in self._speeds if one[1] > first]
+        speeds = np.repeat([one[2][robot] for one in held], [b - a for a, b, _ in held], axis=0)
+        gain = np.where(speeds[-1] < 0.0, -2.0, 2.0)  # halves commands, as gains may double them
+        begun = since - held[0][0]
+        arguments = self._how | {
+            "morphologies": self._robots["body"][robot].tolist(),
+            "drag": self._robots["drag"][robot].tolist(),
+            **{name: table[robot].tolist() for name, table in self._start.items()},
+            "commands": [np.maximum(speeds / gain, COMMAND_LOW).tolist()],
+            "servo_gain": gain.tolist(),
+            "begun": begun,
+            "steps": self._clock - since,
+            "engine": "numba" if begun else self._how["engine"],  # PyBullet begins at rest
         }
-        # The same swim has the same name.
-        encoded = encode_document(content, SCHEMA, indent=None)
-        write_bytes(self._folder / _name(hashlib.sha256(encoded).hexdigest()[:16]), encoded)
-
-
-def _read_fields(scenario: Scenario) -> dict[str, Floats]:
-    """Return the fields that an engine reads, with a density of each fin."""
-    fields = {name: vars(scenario)[name] for name in READ_FIELDS}
-    count = len(scenario)
-    density = fields["fin_density"].reshape(count, -1)
-    return fields | {"fin_density": np.broadcast_to(density, (count, 3))}
-
-
-def _name(which: str) -> str:
-    return f"diverged-{which}.json"
-
-
-def _described(moments: list[_Moment], robot: int) -> dict[str, Any]:
-    """Return the robots that one robot was, and its commands, ready for JSON."""
-    robots: list[dict[str, Any]] = []
-    commands = []
-    for moment in moments:
-        now = {name: table[robot].tolist() for name, table in moment.robots.items()}
-        if not robots or now != robots[-1]:
-            robots.append(now)
-        commands.append(
-            {
-                "robot": len(robots) - 1,
-                "current": moment.current[robot].tolist(),
-                "command": moment.command[robot].astype(np.float64).tolist(),
-                "steps": moment.steps,
-            }
-        )
-    return {"robots": robots, "commands": commands}
-
-
-class RecordedWorld(World):
-    """A world that leaves a file if its robot diverges; see the module."""
-
-    def __init__(self, world: World, recording: Recording) -> None:
-        self._world = world
-        self._recording = recording
-        self._state = np.zeros(STATE_NUMBERS)
-
-    def _start(self, scenario: Scenario) -> None:
-        self._world._start(scenario)
-        self._recording.start(scenario)
-        self.diverged = False
-
-    def _update(self, scenario: Scenario) -> None:
-        self._world._update(scenario)
-        self._recording.update(scenario, np.zeros(1, np.intp))
-
-    def _swim(self, command: Vector, steps: int) -> None:
-        put_state(self._state, 0, 1, self._world.state())
-        self._recording.note(self._state[:, None], np.array([command]), steps)
-        self._world._swim(command, steps)
-        self.diverged = self._world.diverged
-        self._recording.judge(np.array([self.diverged]))
-
-    def set_current(self, current: Triple) -> None:
-        self._world.set_current(current)
-        self._recording.set_current(np.array([current]))
-
-    def state(self) -> State:
-        return self._world.state()
-
-    @property
-    def fin_angles(self) -> Vector:
-        return self._world.fin_angles
-
-    def close(self) -> None:
-        self._world.close()
-
-
-def record_world(world: World, engine: str, substeps: int, folder: Path) -> World:
-    """Return a world that has not started, recorded."""
-    recording = Recording(folder, engine, np.float64, substeps, resumes=engine == "numba")
-    return RecordedWorld(world, recording)
+        text = json.dumps(arguments).encode()
+        write_bytes(self._folder / f"diverged-{hashlib.sha256(text).hexdigest()[:16]}.json", text)

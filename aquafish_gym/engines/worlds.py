@@ -229,7 +229,7 @@ WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
 }
-RECORDER = "aquafish_gym.engines.divergence:record_world"
+RECORDER = "aquafish_gym.engines.divergence:Recorded"
 
 
 def recording_folder() -> Path | None:
@@ -252,6 +252,7 @@ def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1)
     kind: Any = resolve_name(WORLDS[engine]) if isinstance(engine, str) else engine
     world: World = kind(substeps)
     if isinstance(engine, str) and (folder := recording_folder()):
-        world = resolve_name(RECORDER)(world, engine, substeps, folder)
+        how = {"engine": engine, "dtype": "float64", "substeps": substeps}
+        world = resolve_name(RECORDER)(world, scenario, folder, how)
     world.start(scenario)
     return world

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
 from aquafish_gym.engines.world_batch import WorldBatch
-from aquafish_gym.engines.worlds import Swimmers, recording_folder
+from aquafish_gym.engines.worlds import RECORDER, Swimmers, recording_folder
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
@@ -123,13 +124,14 @@ def make_swimmers(scenario: Scenario, engine: object, dtype: object, threads: ob
     precision = None if dtype is None else one_of("dtype", dtype, ("float32", "float64"))
     if found == "numba":
         from aquafish_gym.engines.compiled.lanes import LaneBatch
-        from aquafish_gym.engines.compiled.recorded_lanes import RecordedLanes
 
         type_of_numbers = getattr(np, precision or NUMBA_PRECISION)
         cores = None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS)
+        lanes: Swimmers = LaneBatch(scenario, type_of_numbers, threads=cores)
         if folder := recording_folder():
-            return RecordedLanes(scenario, type_of_numbers, cores, folder)
-        return LaneBatch(scenario, type_of_numbers, threads=cores)
+            how = {"engine": found, "dtype": np.dtype(type_of_numbers).name, "substeps": 1}
+            lanes = resolve_name(RECORDER)(lanes, scenario, folder, how)
+        return lanes
     if precision == "float32":
         raise InvalidArgumentError(
             'dtype must be "float64" or None on other engines than numba; got "float32"'

@@ -103,7 +103,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     tasks have no such key, and terminate only if the simulation diverges: seen at one start in 2000
     with every size at an end of its range in a current of 20 units/s along every axis. `info` then
     has `diverged` true, the reward is 0 and the observation is the last good one. If the variable
-    `AQUAFISH_DIVERGED` names a folder, the robot's last second is written there.
+    `AQUAFISH_DIVERGED` names a folder, it gets a file from which `simulate` swims the robot again.
 
     ### Truncation
 

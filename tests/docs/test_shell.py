@@ -32,7 +32,6 @@ NOT_RUN = {
     "python -m tests.trainers": "installs gigabytes; tests/envs/test_trainers_page.py",
     "aquafish export policy.zip": "needs a policy; tests/gait/test_export_policy.py",
     "AQUAFISH_DIVERGED": "a program of yours; tests/engines/test_divergence.py",
-    "aquafish film out/diverged": "needs a swim that diverged; tests/engines/test_divergence.py",
     "cc -std=c99 -Dpolicy_TEST": "needs a policy; tests/gait/test_export_policy.py",
     "aquafish export own.json": "needs a NEAT run; tests/docs/test_neat_page.py",
     "cc -std=c99 -Down_TEST": "needs a NEAT run; tests/docs/test_neat_page.py",

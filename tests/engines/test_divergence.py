@@ -1,8 +1,10 @@
-"""A robot that diverges leaves a file, from which its last second is swum again."""
+"""A robot that diverges leaves a file, with which ``simulate`` swims it again."""
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,19 +13,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from aquafish_gym import simulate
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.engines.compiled.recorded_lanes import RecordedLanes
-from aquafish_gym.engines.divergence import MOST_FILES, RECORDED_STEPS
-from aquafish_gym.engines.swim_again import is_divergence, swim_again
+from aquafish_gym.engines.divergence import MOST_FILES, Recorded
 from aquafish_gym.engines.worlds import diverged_states, make_world
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, has_diverged
 from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows, state_from_numbers
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.__main__ import main
 from gait.controllers.controller import Controller, program_of
 
 # A body and a current in which one start in twelve diverges within a second.
@@ -50,10 +50,17 @@ def swim_until_it_diverges(engine: str, seed: int = DIVERGING_SEED) -> bool:
     return diverged[0]
 
 
-def struck(step: int, lag: float = 0.0) -> Scenario:
-    """Return a robot whose drag becomes too great for the time step."""
-    calm = Scenario.create(fin_angles=(0.4, -0.2, 1.0), current=(0.1, 0.0, 0.0), servo_lag=lag)
-    rough = replace(calm, drag=np.full((1, 2), 1e6))
+def swum_again(path: Path) -> tuple[dict[str, Any], ImuLog]:
+    arguments = json.loads(path.read_text())
+    return arguments, simulate(**arguments)
+
+
+def struck(step: int) -> Scenario:
+    """Return a robot that becomes thin in a rough current."""
+    calm = Scenario.create(fin_angles=(0.4, -0.2, 1.0), current=(0.1, 0.0, 0.0))
+    rough = replace(
+        calm, body=np.array([THIN]), current=np.full((1, 3), 11.0), drag=np.full((1, 2), 10.0)
+    )
     return calm.then(step, rough)
 
 
@@ -61,81 +68,126 @@ def struck(step: int, lag: float = 0.0) -> Scenario:
 def test_an_episode_that_diverges_is_swum_again(engine: str, folder: Path) -> None:
     assert swim_until_it_diverges(engine)
     (path,) = folder.iterdir()
-    again = swim_again(path)
-    assert is_divergence(path)
-    assert again.first_step == 0
-    assert again.runaway is not None
-    assert 1 < again.runaway <= 20
-    assert path.stat().st_size < 2_000
-    lost = diverged_states(again.states.T)
-    assert not lost[: again.runaway].any()
-    assert lost[again.runaway]
+    arguments, log = swum_again(path)
+    assert log.diverged.tolist() == [True]
+    assert (arguments["engine"], arguments["begun"], arguments["steps"]) == (engine, 0, 20)
+    assert path.stat().st_size < 3_000
+    calm = simulate(**arguments | {"current": (0.1, 0.0, 0.0)})
+    assert not calm.diverged.any()
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.13])
-@pytest.mark.parametrize("engine", ["numba", "pybullet"])
-def test_the_last_second_of_a_long_swim_has_the_same_bits(
-    engine: str, lag: float, folder: Path, monkeypatch: pytest.MonkeyPatch
+class Told:
+    """An engine whose robots diverge when somebody says so."""
+
+    def __init__(self, engine: Any, batch: int) -> None:
+        self._engine = engine
+        self.diverged = np.zeros(batch, np.bool_)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+
+def recorded(kind: str, scenario: Scenario, folder: Path) -> tuple[Any, Told]:
+    """Return an engine that has started, recorded, and by what its robots are told to diverge."""
+    how = {"engine": kind, "dtype": "float64", "substeps": 1}
+    if kind == "lanes":
+        engine: Any = LaneBatch(scenario, np.float64)
+        how["engine"] = "numba"
+    else:
+        engine = make_world(kind, scenario)
+    told = Told(engine, len(scenario))
+    found = Recorded(told, scenario, folder, how)
+    found.start(scenario)
+    return found, told
+
+
+@pytest.mark.parametrize("gain", [(1.0, 1.0, 1.0), (-0.7, 0.3, 0.6), (0.0, 2.0, 0.0)])
+@pytest.mark.parametrize("kind", ["numba", "pybullet", "lanes"])
+def test_a_swim_is_replayed_from_its_last_change(
+    kind: str, gain: tuple[float, ...], tmp_path: Path
 ) -> None:
-    (swum,) = rollout(
+    """To rounding, also of servos that become weak, reversed or dead."""
+    calm = Scenario.create(fin_angles=(0.4, -0.2, 1.0), current=(0.1, 0.0, 0.0))
+    broken = replace(calm, body=0.8 * calm.body, servo_gain=np.array([gain]))
+    engine, told = recorded(kind, calm, tmp_path)
+    rng = np.random.default_rng(0)
+    spins, expected = [], 0
+    for step in range(60):
+        if step == 43:
+            engine.update(replace(broken, fin_angles=np.full((1, 3), np.nan)))
+        if step == 50:
+            engine.set_current(np.array([0.3, -0.2, 0.1]).reshape((1, 3) if kind == "lanes" else 3))
+        command = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0])
+        for _ in range(5):
+            told.diverged[:] = (step, _) in ((41, 4), (48, 4), (59, 4))
+            engine.advance(command[None] if kind == "lanes" else tuple(command))
+            spins.append(np.ravel(engine.state().spin))
+        if told.diverged.any():
+            (path,) = tmp_path.iterdir()
+            arguments, log = swum_again(path)
+            path.unlink()
+            engine._lost[:] = False
+            begun = {41: 0, 48: 215, 59: 250}[step]
+            assert arguments["steps"] == len(spins) - begun
+            np.testing.assert_allclose(log.gyro[0], spins[begun:], rtol=1e-7, atol=1e-8)
+            expected += 1
+    assert expected == 3
+    engine.close()
+
+
+def test_a_robot_of_a_batch_is_swum_again_alone(tmp_path: Path) -> None:
+    several = Scenario.create(fin_angles=np.arange(15.0).reshape(5, 3))
+    engine, told = recorded("lanes", several, tmp_path)
+    rng = np.random.default_rng(0)
+    spins = []
+    for step in range(60):
+        if step == 40:  # another episode of robot 2
+            engine.start(several.take([2]), np.array([2]))
+        if step == 50:
+            engine.update(several.take([1]), np.array([1]))
+        told.diverged[:] = step == 59
+        engine.advance(rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (5, 3)), 5)
+        spins.append(np.transpose(engine.state().spin))
+    begun = {}
+    for path in tmp_path.iterdir():
+        arguments, log = swum_again(path)
+        begun[arguments["steps"]] = begun.get(arguments["steps"], 0) + 1
+        robot = {100: 2, 50: 1}.get(arguments["steps"])
+        if robot is not None:
+            swum = np.array(spins)[-arguments["steps"] // 5 :, robot]
+            np.testing.assert_allclose(log.gyro[0, 4::5], swum, rtol=1e-7, atol=1e-8)
+    assert begun == {300: 3, 100: 1, 50: 1}
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+def test_a_rollout_that_diverges_after_a_fault_is_swum_again(engine: str, folder: Path) -> None:
+    rollout(
         [lambda _, time: (np.sin(3.0 * time), 0.5, 1.0)],
-        struck(333, lag),
+        struck(333),
         engine=engine,
         seconds=5.0,
         interval=7,
-    ).paths
-    monkeypatch.delenv("AQUAFISH_DIVERGED")
-    again = swim_again(next(folder.iterdir()))
-    assert again.runaway == RECORDED_STEPS
-    assert 333 < again.first_step + again.runaway < 340
-    before = slice(1, again.runaway)
-    expected = swum.gyro[again.first_step : again.first_step + again.runaway - 1]
-    np.testing.assert_array_equal(again.states[before, FIELDS["spin"]], expected)
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_robot_of_a_batch_is_swum_again_alone(dtype: type[np.floating], folder: Path) -> None:
-    several = Scenario.create(fin_angles=np.arange(15.0).reshape(5, 3))
-    lanes = RecordedLanes(several, dtype, None, folder)
-    rng = np.random.default_rng(0)
-    states = []
-    for step in range(60):
-        if step == 40:  # another episode of robot 2
-            lanes.start(several.take([2]), np.array([2]))
-        if step == 57:
-            rough = replace(several, drag=np.full((5, 2), 1e6)).take([1, 2])
-            lanes.update(rough, np.array([1, 2]))
-        lanes.set_current(0.1 * rng.normal(size=(5, 3)))
-        states.append(lanes.states[:STATE_NUMBERS].copy())
-        action = rng.uniform(-1.0, 1.0, (3, 5))
-        lanes.act(action, (action[0], action[1], action[2]), 5)
-    steps = {}
-    for path in folder.iterdir():
-        again = swim_again(path)
-        steps[again.first_step] = again
-    assert sorted(steps) == [(58 - 40) * 5 - 90, (58 - 20) * 5]  # of robots 2 and 1
-    for first, robot, begun in ((0, 2, 40), (190, 1, 0)):
-        again = steps[first]
-        for step in range(begun + first // 5, 58):
-            index = (step - begun) * 5 - first
-            np.testing.assert_array_equal(again.states[index], states[step][:, robot])
-    assert steps[190].runaway > 95
+    )
+    (path,) = folder.iterdir()
+    arguments, log = swum_again(path)
+    assert log.diverged.all()
+    assert arguments["engine"] == "numba"
+    assert arguments["begun"] > 0
 
 
 def test_a_vector_environment_records_each_robot_that_diverges(folder: Path) -> None:
-    env = AquaFishVectorEnv(
-        2, engine="numba", morphology=THIN, current=ROUGH, fin_angles="random", dtype="float64"
-    )
+    env = AquaFishVectorEnv(2, morphology=THIN, current=ROUGH, fin_angles="random", dtype="float64")
     env.reset(seed=[STEADY_SEED, DIVERGING_SEED])
     for _ in range(3):
         *_, info = env.step(np.tile(ACTION, (2, 1)))
         if info["diverged"].any():
             assert info["diverged"].tolist() == [False, True]
     (path,) = folder.iterdir()
+    arguments, log = swum_again(path)
+    assert log.diverged.all()
     swim_until_it_diverges("numba")  # the same robot by itself
-    again = swim_again(path)
     for other in folder.iterdir():
-        np.testing.assert_array_equal(swim_again(other).states, again.states)
+        assert json.loads(other.read_text())["fin_angles"] == arguments["fin_angles"]
 
 
 def test_worlds_of_a_batch_on_pybullet_are_recorded(folder: Path) -> None:
@@ -161,7 +213,7 @@ def test_a_swim_that_stays_finite_leaves_no_folder(folder: Path) -> None:
     assert not folder.exists()
 
 
-def test_a_recorded_environment_returns_the_same(
+def test_a_recorded_environment_and_its_copies_return_the_same(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def swim() -> list[Any]:
@@ -169,77 +221,26 @@ def test_a_recorded_environment_returns_the_same(
             "AquaFish-v0", engine="numba", damage="caudal:seized@1; left_pectoral:delay=0.4"
         )
         seen = [env.reset(seed=3)[0]]
+        env = copy.deepcopy(pickle.loads(pickle.dumps(env)))
         return seen + [env.step(ACTION)[0] for _ in range(20)]
 
-    recorded = swim()
+    found = swim()
     monkeypatch.delenv("AQUAFISH_DIVERGED")
-    np.testing.assert_array_equal(recorded, swim())
+    np.testing.assert_array_equal(found, swim())
     assert not folder.exists()
 
 
-def test_a_folder_takes_ten_files(folder: Path) -> None:
-    batch = Scenario.create(fin_angles=np.arange(60.0).reshape(20, 3))
-    lanes = RecordedLanes(replace(batch, drag=np.full((20, 2), 1e6)), np.float64, None, folder)
-    lanes.advance(np.full((20, 3), 0.3), 20)
-    assert len([*folder.iterdir()]) == MOST_FILES
-
-
-def test_film_says_when_and_what_was_not_finite(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    swim_until_it_diverges("numba")
-    (path,) = folder.iterdir()
-    page = tmp_path / "swim.html"
-    assert main(["film", str(path), "--html", str(page)]) == 0
-    said = capsys.readouterr().out
-    assert f"{path.stem}: It runs away in step 6 (0.06 s of its swim)." in said
-    assert "Not finite in step 6: orientation." in said
-    assert page.stat().st_size < 500_000
-
-
-@pytest.mark.parametrize("option", ["--seconds=2", "--damage=none", "--engine=numba"])
-def test_film_refuses_options_that_the_file_states(
-    option: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    swim_until_it_diverges("numba")
-    assert main(["film", str(next(folder.iterdir())), option]) == 2
-    assert "has no effect on swims that diverged" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"engine": "mujoco"},
-        {"dtype": "int8"},
-        {"commands": []},
-        {"robots": []},
-        {"state": [0.0]},
-        {"commands": [{"robot": 3, "current": [0, 0, 0], "command": [0, 0, 0], "steps": 1}]},
-        {"commands": [{"robot": 0, "current": [0, 0], "command": [0, 0, 0], "steps": 1}]},
-    ],
-)
-def test_a_damaged_file_is_refused(change: dict[str, Any], folder: Path) -> None:
-    swim_until_it_diverges("numba")
-    (path,) = folder.iterdir()
-    content = json.loads(path.read_text())
-    del content["checksum"]
-    path.write_text(json.dumps(content | change))
-    with pytest.raises(InvalidArgumentError, match="is damaged"):
-        swim_again(path)
-
-
-@pytest.mark.parametrize("engine", ["numba", "pybullet"])
-def test_a_robot_whose_servo_died_in_mid_swim_is_swum_again(engine: str, folder: Path) -> None:
-    robot = struck(33)
-    (change,) = robot.schedule
-    dead = replace(change.to, fin_angles=np.array([[0.0, 0.0, np.nan]]))  # as Damage.edit says it
-    rollout(
-        [lambda *_: (0.0, 0.5, 1.0)],
-        replace(robot, schedule=(change._replace(to=dead),)),
-        engine=engine,
-        seconds=1.0,
+def test_a_folder_takes_ten_files_and_none_of_what_simulate_lacks(tmp_path: Path) -> None:
+    several = Scenario.create(
+        fin_angles=np.arange(66.0).reshape(22, 3),
+        fin_density=[1.0, 2.0] * 11,
+        servo_lag=[*[0.0] * 21, 0.1],
     )
-    assert swim_again(next(folder.iterdir())).runaway is not None
+    engine, told = recorded("lanes", several, tmp_path)
+    for some in (np.arange(22) % 2 == 1, np.ones(22, np.bool_)):
+        told.diverged[:] = some
+        engine.advance(np.full((22, 3), 0.3), 2)
+        assert len([*tmp_path.iterdir()]) == (MOST_FILES if some.all() else 0)
 
 
 BOUND = float(np.sqrt(RUNAWAY_SQUARE))
