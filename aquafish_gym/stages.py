@@ -6,7 +6,7 @@ other columns. An episode begins in one row. At the step ``until`` it moves on t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,11 +102,91 @@ class Player:
         self.next_change[robots] = change
 
 
-class Slots(Player):
-    """Moves B robots that begin new episodes at any time.
+class SlotTable:
+    """The rows of B robots that begin episodes at any time, those of a robot in its own slot.
 
-    The rows of a robot stand in a slot of its own. A slot has room for as many rows as any robot
-    had so far, so that nothing else moves where one begins another episode.
+    A slot has room for as many rows as any robot had so far, so that nothing else moves where one
+    begins another episode.
+
+    Parameters
+    ----------
+    count
+        B.
+    neutral
+        By the name of a column, what it holds in the rows of episodes without that column.
+
+    Attributes
+    ----------
+    stages
+        The table of B episodes; their rows are ``room`` apart, and those that are left are unused.
+    room
+        How many rows a slot has.
+    """
+
+    def __init__(self, count: int, neutral: Callable[[str], Any]) -> None:
+        self.room = 0
+        nothing = np.zeros(0, np.intp)
+        self.stages = Stages(np.zeros(count, np.intp), nothing, nothing, {}, {})
+        self._neutral = neutral
+
+    def put(self, robots: Rows, stages: Stages) -> None:
+        """Replace the rows of robots (n,) by those of the n episodes of a table."""
+        counts = stages.counts
+        most = int(counts.max(initial=0))
+        if most > self.room:
+            self._make_room(max(most, 2 * self.room))
+        mine = self.stages
+        rows = np.repeat(robots * self.room - stages.first, counts) + np.arange(len(stages.until))
+        mine.since[rows] = stages.since
+        mine.until[rows] = stages.until
+        columns = self._filled(mine.columns, stages.columns, rows, self._neutral)
+        rates = self._filled(mine.rates, stages.rates, rows, _nothing)
+        self.stages = mine._replace(columns=columns, rates=rates, stride=stages.stride)
+
+    def moved(self, rows: Rows, room: int) -> Rows:
+        """Return the present numbers of rows, numbered when a slot had the ``room``."""
+        robots, places = np.divmod(rows, max(room, 1))
+        return robots * self.room + places
+
+    def _filled(
+        self,
+        tables: Mapping[str, NDArray[Any]],
+        values: Mapping[str, NDArray[Any]],
+        rows: Rows,
+        neutral: Callable[[str], Any],
+    ) -> dict[str, NDArray[Any]]:
+        """Return tables with ``values`` in some rows; what these lack is neutral."""
+        found = dict(tables)
+        for name in tables.keys() | values.keys():
+            if name not in found:
+                shape = (len(self.stages.until), *values[name].shape[1:])
+                found[name] = np.full(shape, neutral(name), values[name].dtype)
+            found[name][rows] = values[name] if name in values else neutral(name)
+        return found
+
+    def _make_room(self, room: int) -> None:
+        """Give each robot room for more rows."""
+        count = len(self.stages.first)
+
+        def wider(table: NDArray[Any]) -> NDArray[Any]:
+            shape = table.shape[1:]
+            found = np.zeros((count, room, *shape), table.dtype)
+            found[:, : self.room] = table.reshape(count, self.room, *shape)
+            return found.reshape(count * room, *shape)
+
+        mine = self.stages
+        self.stages = mine._replace(
+            first=np.arange(count) * room,
+            since=wider(mine.since),
+            until=wider(mine.until),
+            columns={name: wider(column) for name, column in mine.columns.items()},
+            rates={name: wider(rate) for name, rate in mine.rates.items()},
+        )
+        self.room = room
+
+
+class SlotPlayer(Player):
+    """Moves B robots that begin new episodes at any time.
 
     Parameters
     ----------
@@ -115,60 +195,26 @@ class Slots(Player):
     """
 
     def __init__(self, stages: Stages) -> None:
-        self._room = 0
-        self._stages = Stages(
-            np.zeros(len(stages.first), np.intp), np.zeros(0, np.intp), np.zeros(0, np.intp),
-            {name: column[:0] for name, column in stages.columns.items()}, {}, stages.stride,
-        )  # fmt: skip
-        self.row = np.zeros(len(stages.first), np.intp)
-        self.next_change = np.full(len(stages.first), NEVER)
-        self.begin(np.arange(len(stages.first)), stages)
+        count = len(stages.first)
+        self._slots = SlotTable(count, _nothing)  # every episode has all columns
+        self.row = np.zeros(count, np.intp)
+        self.next_change = np.full(count, NEVER)
+        self.begin(np.arange(count), stages)
 
     def begin(self, robots: Rows, stages: Stages, step: int = 0) -> dict[str, NDArray[Any]]:
         """Let robots (n,) play the n episodes of a table with the same columns, from a step on.
 
         Return their columns (n, ...) then.
         """
-        counts = stages.counts
-        most = int(counts.max(initial=0))
-        if most > self._room:
-            self._make_room(max(most, 2 * self._room))
-        mine = self._stages
-        first = robots * self._room
-        rows = np.repeat(first - stages.first, counts) + np.arange(len(stages.until))
-        mine.since[rows] = stages.since
-        mine.until[rows] = stages.until
-        for name, column in stages.columns.items():
-            mine.columns[name][rows] = column
-        rates = dict(mine.rates)
-        for name in rates.keys() | stages.rates.keys():
-            if name not in rates:
-                rates[name] = np.zeros_like(mine.columns[name])
-            rates[name][rows] = stages.rates.get(name, 0.0)
-        self._replace(mine._replace(rates=rates, stride=stages.stride))
+        room = self._slots.room
+        self._slots.put(robots, stages)
+        self.row = self._slots.moved(self.row, room)
+        self._replace(self._slots.stages)
         passed = np.add.reduceat(stages.until <= step, stages.first)
-        self.row[robots] = first + passed
+        self.row[robots] = self._slots.stages.first[robots] + passed
         self._note(robots, step)
         return self._stages.at(self.row[robots], np.full(len(robots), step))
 
-    def _make_room(self, room: int) -> None:
-        """Give each robot room for more rows."""
-        before = self._room
-        count = len(self.row)
 
-        def wider(table: NDArray[Any]) -> NDArray[Any]:
-            shape = table.shape[1:]
-            found = np.zeros((count, room, *shape), table.dtype)
-            found[:, :before] = table.reshape(count, before, *shape)
-            return found.reshape(count * room, *shape)
-
-        mine = self._stages
-        self.row += np.arange(count) * (room - before)
-        self._stages = mine._replace(
-            first=np.arange(count) * room,
-            since=wider(mine.since),
-            until=wider(mine.until),
-            columns={name: wider(column) for name, column in mine.columns.items()},
-            rates={name: wider(rate) for name, rate in mine.rates.items()},
-        )
-        self._room = room
+def _nothing(_name: str) -> int:
+    return 0

@@ -14,7 +14,7 @@ from aquafish_gym.damage import TIERS, Damage, Fault, edit_each
 from aquafish_gym.damage.words import PARTS, can_grow
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.stages import NEVER, Slots
+from aquafish_gym.stages import NEVER, SlotPlayer
 
 HOLD = 20
 DT = HOLD * TIMESTEP
@@ -77,7 +77,7 @@ def test_robots_are_what_their_faults_make_of_them_in_each_step(
     """Two robots begin three episodes each, one after another, at steps of their own."""
     rng = np.random.default_rng(seed)
     robots = Scenario.create([Morphology.nominal()] * 2)
-    slots = Slots(robots.stages)
+    player = SlotPlayer(robots.stages)
     present = robots.copy().columns()
     playing = [Damage(), Damage()]
     began = np.zeros(2, int)
@@ -86,7 +86,7 @@ def test_robots_are_what_their_faults_make_of_them_in_each_step(
         several = [damages.pop() for _ in rows]
         if len(rows):
             scenario = edit_each(robots.take(rows), several, HOLD)
-            for name, values in slots.begin(rows, scenario.stages).items():
+            for name, values in player.begin(rows, scenario.stages).items():
                 present[name][rows] = values
             began[rows] = 0
             for row, damage in zip(rows.tolist(), several, strict=True):
@@ -96,8 +96,8 @@ def test_robots_are_what_their_faults_make_of_them_in_each_step(
                 for name, values in now(playing[i], int(began[i])).items():
                     np.testing.assert_allclose(present[name][i], values[0], 1e-12, 1e-12, name)
             began += 1
-            changed = np.flatnonzero(slots.next_change == began * HOLD)
-            for name, values in slots.move(changed).items():
+            changed = np.flatnonzero(player.next_change == began * HOLD)
+            for name, values in player.move(changed).items():
                 present[name][changed] = values
 
 
@@ -130,7 +130,7 @@ def test_an_episode_in_mid_swim_goes_on_where_it_is() -> None:
         Damage.parse("gyro_z:bias=1@1+2~1; caudal:weak=0.5@2").edit(Scenario.create(), 10).stages
     )
     for step in range(0, 400, 10):
-        played, found = Slots(stages), Slots(stages)
+        played, found = SlotPlayer(stages), SlotPlayer(stages)
         expected = {name: column[:1].copy() for name, column in stages.columns.items()}
         while played.next_change[0] <= step:
             expected = played.move(np.zeros(1, int))

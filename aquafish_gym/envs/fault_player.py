@@ -18,12 +18,11 @@ from aquafish_gym.damage import transmit
 from aquafish_gym.damage.side import deepened
 from aquafish_gym.damage.transmit import NEUTRAL
 from aquafish_gym.envs.channels import SIDES, Channels
-from aquafish_gym.stages import NEVER, Stages
+from aquafish_gym.stages import SlotTable, Stages
 from aquafish_gym.utils.array_types import Rows
 
 Arrays = dict[str, Any]  # of one library, on one device
 
-_LARGEST_STEP = 2**31 - 1
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 #: The words by which a channel is broken so that its numbers must be within its bounds.
 _BREAKING = {
@@ -81,7 +80,7 @@ class FaultPlayer:
         self._is_centred = one and self._neutral == 0.0
         self._tables: Arrays = {}  # (R, ...) by name; what is never broken has none
         self._rates: Arrays = {}
-        self._capacity = 0  # rows of each robot, where robots have rows of their own
+        self._slots = SlotTable(count, _neutral)  # on NumPy
         self._constants: dict[tuple[str, tuple[int, ...]], Any] = {}  # what ``info`` has of nothing
         self._clock = 0  # steps that all robots have taken
         self._due = 0  # on NumPy, the step of the clock at which something changes next
@@ -111,10 +110,10 @@ class FaultPlayer:
         self._tables = {
             name: self._put_column(name, column)
             for name, column in stages.columns.items()
-            if (column != NEUTRAL.get(name.partition("_")[2], 0)).any()
+            if (column != _neutral(name)).any()
         }
         self._tables["faults"] = self._put(stages.columns["faults"])
-        self._tables["until"] = self._put(stages.until.clip(max=_LARGEST_STEP))
+        self._tables["until"] = self._put(stages.until)
         if following is not None:
             self._tables["following"] = self._put(stages.first[following[stages.episode]])
         self._rates = {name: self._put_column(name, rate) for name, rate in stages.rates.items()}
@@ -130,16 +129,20 @@ class FaultPlayer:
 
         Each robot has rows of its own, which are replaced.
         """
-        self._reserve(int(stages.counts.max()))
-        slots = np.repeat(robots * self._capacity - stages.first, stages.counts)
-        slots += np.arange(len(stages.until))
-        self._fill(self._tables, "until", slots, stages.until)
-        for name in (self._tables.keys() | stages.columns.keys()) - {"until", "since"}:
-            self._fill(self._tables, name, slots, stages.columns.get(name))
-        if self._rates or stages.rates:
-            self._fill(self._tables, "since", slots, stages.since)
-        for name in self._rates.keys() | stages.rates.keys():
-            self._fill(self._rates, name, slots, stages.rates.get(name))
+        room = self._slots.room
+        known = self._slots.stages.columns
+        columns = {
+            name: self._put_column(name, column)
+            for name, column in stages.columns.items()
+            if name in known or name == "faults" or (column != _neutral(name)).any()
+        }
+        rates = {name: self._put_column(name, rate) for name, rate in stages.rates.items()}
+        self._slots.put(robots, stages._replace(columns=columns, rates=rates))
+        mine = self._slots.stages
+        self._tables = {**mine.columns, "until": mine.until, "since": mine.since}
+        self._rates = dict(mine.rates)
+        self._state["row"] = self._slots.moved(self._state["row"], room)
+        self._state["following"] = mine.first
         self._prepare(stages)
 
     def act(self, actions: Any) -> Any:
@@ -243,45 +246,6 @@ class FaultPlayer:
             self._due = self._clock + 1 if growing else due
 
     # What an episode needs.
-
-    def _reserve(self, rows: int) -> None:
-        """Let each robot have room for so many rows, on NumPy."""
-        if rows <= self._capacity:
-            return
-        before = self._capacity
-        self._capacity = max(rows, 2 * before)
-        for tables in (self._tables, self._rates):
-            for name, table in tables.items():
-                shape = table.shape[1:]
-                grown = self._empty(name, tables, shape, table.dtype)
-                grown.reshape(self._count, self._capacity, *shape)[:, :before] = table.reshape(
-                    self._count, before, *shape
-                )
-                tables[name] = grown
-        state = self._state
-        if before:
-            robots, rows_of = np.divmod(state["row"], before)
-            state["row"] = robots * self._capacity + rows_of
-        else:
-            state["row"] = np.arange(self._count) * self._capacity
-        state["following"] = np.arange(self._count) * self._capacity
-
-    def _empty(self, name: str, tables: Arrays, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return a table of nothing, on NumPy."""
-        value = NEUTRAL.get(name.partition("_")[2], 0) if tables is self._tables else 0
-        if name == "until":
-            value = NEVER
-        return np.full((self._count * self._capacity, *shape), value, dtype)
-
-    def _fill(self, tables: Arrays, name: str, slots: Rows, values: Any) -> None:
-        """Put values in the rows ``slots`` of a table on NumPy; None is that nothing is broken."""
-        neutral = NEUTRAL.get(name.partition("_")[2], 0) if tables is self._tables else 0
-        if name not in tables:
-            if name not in ("until", "since", "faults") and (values == neutral).all():
-                return
-            values = self._put_column(name, values)
-            tables[name] = self._empty(name, tables, values.shape[1:], values.dtype)
-        tables[name][slots] = neutral if values is None else values
 
     def _prepare(self, stages: Stages) -> None:
         """Let channels remember what the faults of a table need."""
@@ -444,6 +408,11 @@ class FaultPlayer:
 
     def _chosen(self, mask: Any, then: Any, otherwise: Any) -> Any:
         return self._library.xp.where(mask.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
+
+
+def _neutral(name: str) -> float:
+    """Return what a column holds where nothing is broken."""
+    return NEUTRAL.get(name.partition("_")[2], 0)
 
 
 def _flat(array: Any) -> Any:

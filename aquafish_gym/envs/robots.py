@@ -18,7 +18,7 @@ from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import CHANNELS, LATE_FIELDS, STARTS, TIMESTEP, Scenario
-from aquafish_gym.stages import NEVER, Slots
+from aquafish_gym.stages import NEVER, SlotPlayer
 from aquafish_gym.utils.array_types import Floats, Rows
 
 STILL_ACTION = np.array([0.0, 0.0, -1.0])  # that of servos which stand
@@ -66,12 +66,12 @@ class Robots:
         self._servos = Side(len(scenario), len(FINS), self._dt, first=STILL_ACTION)
         self.sensors.remember(history)
         self._servos.remember(history)
-        self._slots = Slots(self.now.stages)
+        self._player = SlotPlayer(self.now.stages)
 
     @property
     def next_change(self) -> Rows:
         """(B,) the step of 0.01 s at which each robot changes next; not a copy."""
-        return self._slots.next_change
+        return self._player.next_change
 
     def start(self, rows: Rows, scenario: Scenario) -> None:
         """Let the robots ``rows`` (n,) begin a scenario of n."""
@@ -89,11 +89,11 @@ class Robots:
         self.late = self.late or scenario.is_late
         self.sensors.remember(scenario.sensor_delay)
         self._servos.remember(scenario.servo_delay)
-        self._set(rows, self._slots.begin(rows, scenario.stages, step))
+        self._set(rows, self._player.begin(rows, scenario.stages, step))
 
     def change(self, rows: Rows) -> None:
         """Let the robots ``rows`` (n,), whose next change has come, change."""
-        self._set(rows, self._slots.move(rows))
+        self._set(rows, self._player.move(rows))
 
     def _set(self, rows: Rows, fields: Mapping[str, NDArray[Any]]) -> None:
         for name, values in fields.items():
