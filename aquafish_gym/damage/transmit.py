@@ -153,7 +153,7 @@ def carry(
     now: Columns,
     state: State,
     numbers: Array,
-    count: Array,
+    count: Array | None,
     clock: Any,
     first: Any = None,
     mask: Array | None = None,
@@ -161,6 +161,7 @@ def carry(
     """Return what late and slow channels deliver of a step's numbers, and their state.
 
     ``library`` is an ``ArrayLibrary``; ``count``, ``clock`` and ``first`` are as of :func:`delay`.
+    Where nothing is late or slow, ``count`` may be None.
     With a ``mask`` (B, 1), only its robots have this step; rows of others mean nothing.
     """
     xp = library.xp
@@ -185,7 +186,7 @@ def sense(
     state: State,
     truth: Array,
     white: Array | None,
-    count: Array,
+    count: Array | None,
     clock: Any,
     mask: Array | None = None,
 ) -> tuple[Array, State]:
@@ -224,7 +225,7 @@ def change(
     state: State,
     before: Columns,
     now: Columns,
-    count: Array,
+    count: Array | None,
     begins: Array | None = None,
 ) -> State:
     """Return the state of channels at a step from which on other faults hold.
@@ -233,14 +234,15 @@ def change(
     episode.
     """
     state = dict(state)
-    for word, taken in (("stuck", "fresh"), ("seized", "struck")):
-        if word in now:
-            stood = before.get(word)
-            if stood is not None and begins is not None:
-                stood = stood & ~begins
-            state[taken] = now[word] if stood is None else now[word] & ~stood
+    if "stuck" in now:
+        stood = before.get("stuck")
+        if stood is not None and begins is not None:
+            stood = stood & ~begins
+        state["fresh"] = now["stuck"] if stood is None else now["stuck"] & ~stood
     if "seized" in now:  # from now on, it does what it did last
-        state["last"] = xp.where(state.pop("struck"), state["done"], state["last"])
+        stood = before.get("seized")
+        fresh = now["seized"] if stood is None else now["seized"] & ~stood
+        state["last"] = xp.where(fresh, state["done"], state["last"])
     if "hold" in now:
         fresh = now["hold"] != before.get("hold", 0.0)
         if begins is not None:

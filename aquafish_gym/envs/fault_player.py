@@ -310,18 +310,26 @@ class FaultPlayer:
         if begins is not None:
             start = xp.where(begins, clock, start)
             row = xp.where(begins, state["following"], row)
-        step = clock - start
+        slow = any(f"{side}_hold_steps" in tables for side in SIDES)
+        step = clock - start if rates or slow else None
         now = self._look_up(tables, rates, row, step)
         state = state | {"start": start, "row": row, "now": now}
         for name in ("until", "following"):
             if name in tables:
                 state[name] = self._library.rows(tables[name], row)
         of_robots = None if begins is None else begins[:, None]
+        count = None if step is None else step[:, None]
         for side in SIDES:
             state[side] = transmit.change(
-                xp, state[side], before[side], now[side], step[:, None], of_robots
+                xp, state[side], before[side], now[side], count, of_robots
             )
         return state
+
+    def _count_of(self, state: Arrays, side: str, clock: int) -> Any:
+        """Return the steps (B, 1) of each robot's episode; None where a side does not need them."""
+        if "past" in state[side] or "kept" in state[side]:
+            return (clock - state["start"])[:, None]
+        return None
 
     def _look_up(self, tables: Arrays, rates: Arrays, row: Any, step: Any) -> Arrays:
         """Return what is broken in rows (B,), by side and word."""
@@ -360,7 +368,7 @@ class FaultPlayer:
         xp = library.xp
         now = state["now"]["action"]
         commanded = _flat(library.cast(actions, self._reals["action"]))
-        count = (clock - state["start"])[:, None]
+        count = self._count_of(state, "action", clock)
         commanded, side = transmit.carry(
             library, now, state["action"], commanded, count, clock, self._neutral
         )
@@ -389,7 +397,7 @@ class FaultPlayer:
         library = self._library
         now = state["now"]["observation"]
         truth = _flat(library.cast(observations, self._reals["observation"]))
-        count = (clock - state["start"])[:, None]
+        count = self._count_of(state, "observation", clock)
         mask = None if mask is None else mask[:, None]
         seen, side = transmit.sense(
             library, now, state["observation"], truth, white, count, clock, mask
