@@ -222,7 +222,7 @@ class FaultPlayer:
         columns = [now[name] for name in names if name in now]
         if columns:
             column = functools.reduce(operator.or_, columns) if len(columns) > 1 else columns[0]
-            column = column.reshape(shape)
+            column = column if column.ndim == len(shape) else column.reshape(shape)
             return column.astype(kind, copy=False) if self._host else column
         if (word, shape) not in self._constants:
             one = self._put(np.asarray(NEUTRAL.get(word, 0), kind))
@@ -336,8 +336,8 @@ class FaultPlayer:
         found: Arrays = {side: {} for side in SIDES}
         found["faults"] = self._library.rows(tables["faults"], row)
         for name, table in tables.items():
-            side, _, word = name.partition("_")
-            if not word:
+            side, word, key = _place(name)
+            if not word:  # "faults", "until" and the like
                 continue
             column = self._library.rows(table, row)
             if name in rates:
@@ -346,9 +346,7 @@ class FaultPlayer:
                 column = transmit.bias(self._library.xp, column, grown)
             if self._host and word != "held" and not (column != NEUTRAL.get(word, 0)).any():
                 continue
-            if word in ("delay", "hold"):
-                word = f"{word}_seconds"
-            found[side][word.removesuffix("_steps")] = column
+            found[side][key] = column
         for side, words in _BREAKING.items():
             if self._bounds[side] is None and (side == "observation" or self._is_centred):
                 continue  # intact channels are what the broken ones are by 1 and 0
@@ -421,6 +419,17 @@ class FaultPlayer:
 def _neutral(name: str) -> float:
     """Return what a column holds where nothing is broken."""
     return NEUTRAL.get(name.partition("_")[2], 0)
+
+
+@functools.cache  # in each step, of each table
+def _place(name: str) -> tuple[str, str, str]:
+    """Return the side and the word of a column, and the key of what holds of it now.
+
+    What the functions of ``transmit`` are given as "delay" and "hold" is in steps.
+    """
+    side, _, word = name.partition("_")
+    key = f"{word}_seconds" if word in ("delay", "hold") else word.removesuffix("_steps")
+    return side, word, key
 
 
 def _flat(array: Any) -> Any:
