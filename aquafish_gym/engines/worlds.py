@@ -163,11 +163,11 @@ class Swimmers(ABC):
         steps: int = 1,
         task: Any = None,
         memory: Floats | None = None,
-    ) -> tuple[Flags, Observations, Floats | None]:
+    ) -> tuple[Flags, Observations, list[Floats] | None]:
         """Do actions (3, B) in [-1, 1] for some steps of 0.01 s.
 
         Return which robots (B,) diverged, what intact sensors (B, 9) then observe, and the terms
-        (T, B) of the reward where the engine judges a task, which may be None. Robots that diverged
+        (B,) of the reward where the engine judges a task, which may be None. Robots that diverged
         are back in the state in which the action began; their terms are 0.
 
         Parameters

@@ -15,7 +15,7 @@ from aquafish_gym.envs import episode
 from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import TAU, Vector
+from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
     RENDER_MODES,
@@ -285,7 +285,10 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         diverged: bool = False,
         succeeded: bool = False,
     ) -> dict[str, Any]:
-        info = episode.motion_info(before, self._state.position, self.dt)
+        here = self._state.position
+        along_x, along_y, along_z = subtract(here, before)
+        velocity = (along_x / self.dt, along_y / self.dt, along_z / self.dt)
+        info = episode.motion_info(here, velocity)
         info["diverged"] = diverged
         if self.task.has_success:
             info["is_success"] = succeeded

@@ -162,19 +162,20 @@ def check_fin_angles(value: object) -> str | Triple:
     return (left, right, phase)
 
 
-def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
-    """Return what ``info`` says of the positions before and after a step of ``dt`` s, by name.
+def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
+    """Return what ``info`` says of the position after a step and of its mean velocity, by name.
 
     Numbers, or rows (B,).
     """
-    x, y, z = after
+    x, y, z = position
+    along_x, along_y, along_z = velocity
     return {
         "x_position": x,
         "y_position": y,
         "z_position": z,
-        "x_velocity": (x - before[0]) / dt,
-        "y_velocity": (y - before[1]) / dt,
-        "z_velocity": (z - before[2]) / dt,
+        "x_velocity": along_x,
+        "y_velocity": along_y,
+        "z_velocity": along_z,
         "distance_from_origin": square_root(x * x + y * y + z * z),
     }
 

@@ -49,8 +49,6 @@ ARGUMENT_RANGES = {
     "pace": (SHORTEST_DISTANCE, MAXIMUM_CURRENT, "units/s"),
     "spare": (0.0, 0.99, ""),
 }
-# Lanes give every task the same count of remembered numbers, so that a memory is read by index.
-MEMORY_NUMBERS = 6
 WIDEST_CURRENT = math.pi / 3.0  # rad from straight against the robot, of ``ReturnToBuoys``
 # Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
 # R2 sequence of M. Roberts, 2018).

@@ -193,10 +193,8 @@ class AquaFishVectorEnv(
         if over.any():
             self._begin_again(over, before, seen)
         self._observe(seen)
-        here = batching.components(self._positions())
-        moved = episode.motion_info(batching.components(before), here, self.dt)
         info = batching.masked(
-            self._info(moved, terms, lost, succeeded), np.ones(self.num_envs, np.bool_)
+            self._info(before, terms, lost, succeeded), np.ones(self.num_envs, np.bool_)
         )
         reward: Floats = sum(terms.values(), np.zeros(self.num_envs))
         ended = self._steps == self._last
@@ -217,7 +215,8 @@ class AquaFishVectorEnv(
         raw = episode.float_action(actions, (self.num_envs, 3))
         if not np.isfinite(raw).all():
             finite_array("action", raw, raw.shape)  # refuses
-        return np.array(raw.T, np.float64, order="C").clip(-1.0, 1.0)
+        action: Floats = np.clip(raw.T, -1.0, 1.0, dtype=np.float64)
+        return action
 
     def _episodes_over(self) -> Flags:
         """Return whose episode is over (num_envs,), and which begins another one in this step."""
@@ -356,10 +355,11 @@ class AquaFishVectorEnv(
         # Views of all robots: fancy indexing would take as long as all that is computed here.
         self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
-    def _info(
-        self, moved: dict[str, Floats], terms: Terms, diverged: Flags, succeeded: Flags
-    ) -> Info:
-        """Return ``info`` with what ``motion_info`` says of the step."""
+    def _info(self, before: Floats, terms: Terms, diverged: Flags, succeeded: Flags) -> Info:
+        """Return ``info`` of a step that began at these positions (3, num_envs)."""
+        here = self._positions()
+        velocity = (here - before) / self.dt
+        moved = episode.motion_info(batching.components(here), batching.components(velocity))
         return moved | {
             "diverged": diverged.copy(),
             **({"is_success": succeeded.copy()} if self.task.has_success else {}),
@@ -371,11 +371,11 @@ class AquaFishVectorEnv(
     def _first_info(self) -> Info:
         """Return ``info`` where no step was taken: the reward's terms are 0."""
         zeros = np.zeros(self.num_envs)
-        step = self._step_from(self._positions(), np.zeros((3, self.num_envs)))
-        still = episode.motion_info(step.after, step.after, self.dt)
+        here = self._positions()
+        step = self._step_from(here, np.zeros((3, self.num_envs)))
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
         nobody = np.zeros(self.num_envs, np.bool_)
-        return self._info(still, nothing, nobody, nobody)
+        return self._info(here, nothing, nobody, nobody)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free what the engine holds; see ``close``."""

@@ -36,9 +36,9 @@ _SIZES = {
     "before": 3,  # where the robot was when the control step began, units
     "action": 3,  # of the control step, in [-1, 1]
     "memory": 6,  # the task's
-    "terms": 3,  # of the reward of an action
     "total": 1,  # the sum of the rewards
     "alive": 1,  # 1 until the robot diverges, then 0
+    "terms": 3,  # of the reward of an action
     # Of the nine channels of the inertial measurement unit:
     "observed": 9,  # what they say now
     "held": 9,  # what they said when they got stuck
@@ -49,6 +49,7 @@ _SIZES = {
 }
 _FIRST = list(accumulate(_SIZES.values(), initial=0))
 EPISODE_FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
+EPISODE_FIELDS["acted"] = slice(EPISODE_FIELDS["alive"].start, EPISODE_FIELDS["terms"].stop)
 # The first row of each.
 RECKONED_ROW = EPISODE_FIELDS["fins"].start
 GAIN_ROW = EPISODE_FIELDS["gain"].start
@@ -66,7 +67,7 @@ STUCK_ROW = EPISODE_FIELDS["stuck"].start
 DROPPED_ROW = EPISODE_FIELDS["dropped"].start
 EPISODE_ROWS = _FIRST[-1]
 OBSERVED_CHANNELS = _SIZES["observed"]
-MEMORY_NUMBERS = _SIZES["memory"]
+MEMORY_NUMBERS = _SIZES["memory"]  # of every task, so that a memory is read by index
 _FIRST_OF_GYRO = 6
 
 
@@ -153,18 +154,26 @@ def end_action(
     like = rpy[0]
     lost = has_diverged(state)
     put(kept, ALIVE_ROW, 1.0 - lost)
-    put_state(scratch, 0, 1, state)
-    put_vector(scratch, RPY, 0, 1, rpy)
-    for row in range(STATE_ROWS):
-        i = row * groups + group
-        before = fetch(states, i, like)
-        put(states, i, where_less(0.0, lost, before, fetch(scratch, row, like)))
-    last = fetch_state(states, group, groups, like)
-    up, north = up_and_north(last.orientation)
+    width = scratch.size // STATE_ROWS
+    alive = 0
+    for lane in range(ALIVE_ROW * width, (ALIVE_ROW + 1) * width):
+        alive += int(kept[lane])
+    if alive == width:  # mostly: the states before need not be read again
+        put_state(states, group, groups, state)
+        put_vector(states, RPY, group, groups, rpy)
+    else:
+        put_state(scratch, 0, 1, state)
+        put_vector(scratch, RPY, 0, 1, rpy)
+        for row in range(STATE_ROWS):
+            i = row * groups + group
+            before = fetch(states, i, like)
+            put(states, i, where_less(0.0, lost, before, fetch(scratch, row, like)))
+        state = fetch_state(states, group, groups, like)
+    up, north = up_and_north(state.orientation)
     for i in range(3):
         put(kept, OBSERVED_ROW + i, clip(up[i], 1.0))
         put(kept, OBSERVED_ROW + 3 + i, clip(north[i], 1.0))
-        put(kept, OBSERVED_ROW + 6 + i, clip(last.spin[i], GYRO_RANGE))
+        put(kept, OBSERVED_ROW + 6 + i, clip(state.spin[i], GYRO_RANGE))
 
 
 def put_terms(kept: Any, terms: tuple[Number, ...], like: Number) -> None:

@@ -185,7 +185,7 @@ class LaneBatch(Swimmers):
         steps: int = 1,
         task: Any = None,
         memory: Floats | None = None,
-    ) -> tuple[Flags, Observations, Floats | None]:
+    ) -> tuple[Flags, Observations, list[Floats] | None]:
         if self._step is None:
             self._step = ClosedLoop(self.batch, self.width, self.dtype, 0)
             self._actions = pack_rows(np.zeros((6, self.batch)), self.dtype, self.width)
@@ -198,7 +198,8 @@ class LaneBatch(Swimmers):
             loop.set_memory(memory)
         output = self._without_spectra(self._logs())
         self._run(act, (self._actions, _NO_LAYOUT), steps, (steps, 0), output, 0, loop)
-        return loop["alive"][0] == 0.0, loop.observed(), None if task is None else loop["terms"]
+        alive, *terms = loop["acted"]
+        return alive == 0.0, loop.observed(), None if task is None else terms
 
     @property
     def diverged(self) -> Flags:
