@@ -79,13 +79,13 @@ def scale_action(action: ArrayLike) -> NDArray[np.float64]:
 
 
 def lag_parts(lag: Number) -> tuple[Number, Number]:
-    """Return the whole steps of a lag, in steps, and the share of a step's newer command.
+    """Return the full steps of a lag, in steps, and the share of a step's newer command.
 
     In each step a late servo first follows the older of two consecutive commands, and then the
-    newer one, which was given the whole steps before.
+    newer one, which was given those steps before.
     """
-    whole = floor(lag)
-    return whole, whole + 1.0 - lag
+    steps = floor(lag)
+    return steps, steps + 1.0 - lag
 
 
 def late_command(older: Vector, newer: Vector, share: Number) -> Vector:

@@ -111,18 +111,18 @@ def observe(
 
 
 def faulty(
-    reading: Number, held: Number, fresh: Number, stuck: Number, dropped: Number
+    reading: Number, latched: Number, fresh: Number, stuck: Number, dropped: Number
 ) -> tuple[Number, Number]:
     """Return what a channel observes, and the reading that it holds from now on.
 
-    ``reading`` is what the channel would observe were it neither stuck nor dropped, and ``held``
-    the reading that it has held so far. The others are flags, 0 or 1: if ``fresh``, the channel
-    first replaces the held reading by this one; if ``stuck``, it observes the held reading; if
+    ``reading`` is what the channel would observe were it neither stuck nor dropped, and ``latched``
+    the reading that it repeats if it is stuck. The others are flags, 0 or 1: if ``fresh``, the
+    channel first latches this reading; if ``stuck``, it observes the latched one; if
     ``dropped``, it observes 0.
     """
-    held = where_less(0.0, fresh, reading, held)
-    reading = where_less(0.0, stuck, held, reading)
-    return where_less(0.0, dropped, 0.0, reading), held
+    latched = where_less(0.0, fresh, reading, latched)
+    reading = where_less(0.0, stuck, latched, reading)
+    return where_less(0.0, dropped, 0.0, reading), latched
 
 
 @cache

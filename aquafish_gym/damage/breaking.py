@@ -102,7 +102,7 @@ def break_channels(
     """Break some channels of a side, of sensors or actuators, in some rows, in place.
 
     Columns are named by the side and what they hold, such as "sensor_bias". Delays and biases add
-    up, scales and gains multiply, and the longest hold counts. A seized actuator is held at its
+    up, scales and gains multiply, and the longest hold counts. A seized actuator latches at its
     number, unless that is NaN.
 
     Raises
@@ -134,8 +134,8 @@ def break_channels(
             found = np.ones_like(now)
     column[rows, channels] = found
     if word == "seized":
-        held = columns[f"{side}_held"]
-        held[rows, channels] = np.where(np.isnan(number), held[rows, channels], number)
+        latched = columns[f"{side}_latched"]
+        latched[rows, channels] = np.where(np.isnan(number), latched[rows, channels], number)
 
 
 def column_of(word: str) -> str:

@@ -19,7 +19,7 @@ Columns = dict[str, Array]  # by the word, what is broken of one side's channels
 State = dict[str, Array]  # what one side's channels remember
 
 #: By the word, what changes nothing; 0 or False where there is none here.
-NEUTRAL: Mapping[str, float] = {"gain": 1.0, "scale": 1.0, "held": math.nan}
+NEUTRAL: Mapping[str, float] = {"gain": 1.0, "scale": 1.0, "latched": math.nan}
 #: Steps by which a channel may be late: what it is given in all of them is kept.
 MAXIMUM_DELAY_STEPS = 10_000
 STEP_ROUNDING = 1e-9  # of a step: what rounding may take from a count of steps

@@ -53,7 +53,7 @@ class World(ABC):
     # The commands of the last steps, as far back as a lag may reach; None without one.
     _given: deque[Vector] | None = None
     _longest_lag = 0.0  # s
-    _whole_lag = 0  # steps
+    _lag_steps = 0  # steps
     _newer_share = 1.0
 
     def start(self, scenario: Scenario) -> None:
@@ -92,12 +92,12 @@ class World(ABC):
             return
         for _ in range(steps):
             given.append(command)
-            newest = len(given) - 1 - self._whole_lag
+            newest = len(given) - 1 - self._lag_steps
             self._swim(late_command(given[newest - 1], given[newest], self._newer_share), 1)
 
     def _set_lag(self, scenario: Scenario) -> None:
-        whole, self._newer_share = lag_parts(scenario.servo_lag.item() / TIMESTEP)
-        self._whole_lag = int(whole)
+        lag_steps, self._newer_share = lag_parts(scenario.servo_lag.item() / TIMESTEP)
+        self._lag_steps = int(lag_steps)
 
     @abstractmethod
     def _start(self, scenario: Scenario) -> None:

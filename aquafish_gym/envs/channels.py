@@ -129,7 +129,7 @@ class Channels:
         """Return all that P damages break, in their order.
 
         Columns are named by side and word: "action_gain", "observation_bias". Those of times are in
-        s as "delay" and "hold", and in steps as "delay_steps" and "hold_steps". "action_held" is
+        s as "delay" and "hold", and in steps as "delay_steps" and "hold_steps". "action_latched" is
         what a seized actuator does; NaN is what it did last. "faults" counts what is active. What
         is never broken has no column.
         """
@@ -137,14 +137,14 @@ class Channels:
         intact: dict[str, NDArray[Any]] = {"faults": np.zeros(count, np.int64)}
         for part, word in draws.kinds:
             side, _ = channels_of(part)
-            several = ("seized", "held") if word == "seized" else (column_of(word),)
+            several = ("seized", "latched") if word == "seized" else (column_of(word),)
             for name in several:
                 dtype = np.bool_ if name in _FLAGS else np.float64
                 shape = (count, self.sizes[side])
                 intact[f"{side}_{name}"] = np.full(shape, NEUTRAL.get(name, 0), dtype)
         stages = make_stages(draws, self.dt, intact, _break)
         columns = _in_steps(stages.columns, self.dt)
-        if "action_held" in columns:
+        if "action_latched" in columns:
             self._hold(stages)
         return stages._replace(columns=columns)
 
@@ -153,13 +153,13 @@ class Channels:
 
         They stand where they did in the row before, or at the neutral action as an episode begins.
         """
-        seized, held = (stages.columns[f"action_{name}"] for name in ("seized", "held"))
-        begin = held[stages.first]
-        held[stages.first] = np.where(np.isnan(begin), self.neutral, begin)
+        seized, latched = (stages.columns[f"action_{name}"] for name in ("seized", "latched"))
+        begin = latched[stages.first]
+        latched[stages.first] = np.where(np.isnan(begin), self.neutral, begin)
         for i in range(1, int(stages.counts.max(initial=1))):
             rows = stages.first[stages.counts > i] + i
-            stood = seized[rows - 1] & np.isnan(held[rows])
-            held[rows] = np.where(stood, held[rows - 1], held[rows])
+            stood = seized[rows - 1] & np.isnan(latched[rows])
+            latched[rows] = np.where(stood, latched[rows - 1], latched[rows])
 
 
 def _break(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:

@@ -31,7 +31,7 @@ from aquafish_gym.utils.validation import flag, integer
 Observation = NDArray[np.float32]
 
 
-class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
+class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]):
     r"""A damaged robot fish that observes its IMU and nothing else.
 
     ## Description
@@ -176,9 +176,9 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self.observation_space = episode.observation_space(self._observe_fins, self.task.has_goal)
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
-        whole = Scenario.create(self._config.morphology)
+        intact = Scenario.create(self._config.morphology)
         self._robot = OneRobot(
-            episode.check_world(engine), whole, self.frame_skip, self._config.damage.may_be_late
+            episode.check_world(engine), intact, self.frame_skip, self._config.damage.may_be_late
         )
         self._memory: Memory = ()
         # The present state, or the last one before the robot diverged.
@@ -271,8 +271,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         fins = None
         if self._observe_fins:
             fins = self._reckoned if self._reckons else self._fin_angles
-        whole = observe(self._state, fins, goal)
-        return self._robot.sense(whole, self._limits, [self.np_random])
+        truth = observe(self._state, fins, goal)
+        return self._robot.sense(truth, self._limits, [self.np_random])
 
     def _read_robot(self) -> None:
         truth = self._robot.robots.truth()

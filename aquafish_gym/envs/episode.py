@@ -91,8 +91,8 @@ def check_episode(
             f"current must be 0 where the task has a current of its own; got {(x, y, z)} with "
             f"{type(task).__name__}"
         )
-    whole = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), hold)
-    return whole.with_options(
+    intact = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), hold)
+    return intact.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
 
@@ -180,7 +180,7 @@ def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
     }
 
 
-class Setting:
+class FishEnvBase:
     """The task, the steps and the observations of an environment, and its ``spec``."""
 
     _spec: EnvSpec | None = None

@@ -279,8 +279,8 @@ class FaultPlayer:
     def _put(self, values: NDArray[Any], side: str = "action") -> Any:
         """Return NumPy's numbers as an array of the library, in the precision of a side."""
         real = "float64" if self._double.get(side, True) else "float32"
-        whole = "int64" if self._host else "int32"
-        dtype = {"b": "bool", "i": whole, "f": real}[values.dtype.kind]
+        integer = "int64" if self._host else "int32"
+        dtype = {"b": "bool", "i": integer, "f": real}[values.dtype.kind]
         if dtype == "float32":  # has no number as large as a product of scales may be
             values = values.clip(-_LARGEST_SINGLE, _LARGEST_SINGLE)
         return self._library.put(values, dtype)
@@ -344,7 +344,7 @@ class FaultPlayer:
                 steps = step - self._library.rows(tables["since"], row)
                 grown = self._library.rows(rates[name], row) * steps[:, None]
                 column = transmit.bias(self._library.xp, column, grown)
-            if self._host and word != "held" and not (column != NEUTRAL.get(word, 0)).any():
+            if self._host and word != "latched" and not (column != NEUTRAL.get(word, 0)).any():
                 continue
             found[side][key] = column
         for side, words in _BREAKING.items():
@@ -379,10 +379,10 @@ class FaultPlayer:
         if "broken" in now:  # what others are commanded outside of the space is left as it is
             acted = xp.where(now["broken"], acted, commanded)
         if "seized" in now:
-            held = now.get("held", 0.0)
-            if "held" in now:
-                held = xp.where(xp.isnan(held), side["last"], held)
-            acted = xp.where(now["seized"], held, acted)
+            latched = now.get("latched", 0.0)
+            if "latched" in now:
+                latched = xp.where(xp.isnan(latched), side["last"], latched)
+            acted = xp.where(now["seized"], latched, acted)
         if "done" in side:
             side["done"] = self._clip("action", acted)
         dtype = self._channels.action.dtype if self._host else actions.dtype

@@ -113,8 +113,8 @@ class Robots:
         """
         if not self._servos.remembers:
             return action
-        asked = np.reshape(np.array(action, np.float64), (len(FINS), -1)).T
-        left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
+        commanded = np.reshape(np.array(action, np.float64), (len(FINS), -1)).T
+        left, right, caudal = self._servos.carry(commanded, np.arange(len(commanded))).T
         if isinstance(action[0], float):
             return (float(left[0]), float(right[0]), float(caudal[0]))
         return (left, right, caudal)
@@ -141,7 +141,7 @@ class OneRobot:
     ----------
     engine
         The name of an engine, or the class of a world.
-    whole
+    robot
         The robot until :meth:`start`.
     hold, late, dtype
         As of :class:`Robots`.
@@ -152,13 +152,13 @@ class OneRobot:
     def __init__(
         self,
         engine: str | type[World],
-        whole: Scenario,
+        robot: Scenario,
         hold: int,
         late: bool = False,
         dtype: Any = np.float32,
         substeps: int = 1,
     ) -> None:
-        self.robots = Robots(whole, hold, late, dtype)
+        self.robots = Robots(robot, hold, late, dtype)
         self.world: World | None = None  #: From :meth:`start` to :meth:`close`.
         self._engine = engine
         self._substeps = substeps
@@ -190,16 +190,16 @@ class OneRobot:
             self.world.set_current((x, y, z))
 
     def sense(
-        self, whole: NDArray[Any], most: Floats, rngs: Sequence[np.random.Generator]
+        self, truth: NDArray[Any], most: Floats, rngs: Sequence[np.random.Generator]
     ) -> NDArray[Any]:
-        """Return the observation (k,), where whole sensors observe ``whole``.
+        """Return the observation (k,), given what intact sensors observe.
 
         ``most`` (k,) are the channels' limits, and ``rngs`` the robot's generator.
         """
         sensors = self.robots.sensors
         if not sensors.broken:
-            return whole
-        found: NDArray[Any] = sensors.observe(whole[None], -most, most, rngs, ONLY_ROBOT)[0]
+            return truth
+        found: NDArray[Any] = sensors.observe(truth[None], -most, most, rngs, ONLY_ROBOT)[0]
         return found
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 
 
 class AquaFishVectorEnv(
-    episode.Setting, RobotAttributes, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
+    episode.FishEnvBase, RobotAttributes, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
 ):
     """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
@@ -348,7 +348,7 @@ class AquaFishVectorEnv(
         self._sense(self._everyone, seen)
 
     def _sense(self, rows: Rows, seen: Observations) -> None:
-        """Let the sensors of these robots observe what whole ones do."""
+        """Let the sensors of these robots observe what intact ones do."""
         sensors = self._robots.sensors
         if sensors.broken:
             seen = sensors.observe(seen, -self._limits, self._limits, self._rngs, rows)

@@ -18,7 +18,7 @@ from aquafish_gym.damage.words import LONGEST_SECONDS, SHORTEST_SECONDS
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
-from aquafish_gym.envs.episode import Setting, check_options
+from aquafish_gym.envs.episode import FishEnvBase, check_options
 from aquafish_gym.envs.fault_episodes import HostFaults, device_player
 from aquafish_gym.envs.fault_player import FaultPlayer
 from aquafish_gym.utils.array_types import Info
@@ -112,11 +112,11 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, Info]:
         """Take a step with broken actuators, and observe it with broken sensors."""
-        asked = finite_array("action", action, self._channels.action.shape)
-        batch = asked[None]
-        done = self._faults.player.act(batch)
+        commanded = finite_array("action", action, self._channels.action.shape)
+        batch = commanded[None]
+        acted = self._faults.player.act(batch)
         observation, reward, terminated, truncated, info = self.env.step(
-            action if done is batch else done.reshape(asked.shape)
+            action if acted is batch else acted.reshape(commanded.shape)
         )
         self._faults.player.advance()
         return self._observe(observation), reward, terminated, truncated, self._with_truth(info)
@@ -279,9 +279,9 @@ class VectorFaultWrapper(_VectorWrapper):
         """Return what actuators make of actions, which are refused if they do not fit."""
         shape = (self.num_envs, *self._channels.action.shape)
         if self._host is not None:
-            asked = finite_array("actions", actions, shape)
-            done = self._player.act(asked)
-            return actions if done is asked else done
+            commanded = finite_array("actions", actions, shape)
+            acted = self._player.act(commanded)
+            return actions if acted is commanded else acted
         if tuple(getattr(actions, "shape", ())) != shape:
             raise InvalidArgumentError(
                 f"actions must be an array of shape {shape}; got {brief(actions)}"
@@ -368,7 +368,7 @@ def _last_step(env: object) -> int | None:
         spec = getattr(env, "spec", None)
         limits += [spec.max_episode_steps] if spec and spec.max_episode_steps else []
         if not isinstance(env, gym.Wrapper | VectorWrapper):
-            limits += [env.episode_steps] if isinstance(env, Setting) else []
+            limits += [env.episode_steps] if isinstance(env, FishEnvBase) else []
             return min(limits, default=None)
         env = env.env
 

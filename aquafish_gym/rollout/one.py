@@ -75,7 +75,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
 
 
 def _observe(state: State, goal: Vector | None) -> Floats:
-    """Return what whole sensors observe, in double precision and not yet saturated."""
+    """Return what intact sensors observe, in double precision and not yet saturated."""
     return np.array(imu(state) + beyond_imu(state, goal=goal))
 
 

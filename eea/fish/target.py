@@ -76,15 +76,15 @@ class EngineTarget:
             instance("rng", rng, np.random.Generator)
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
         self.damage = Damage.coerce(damage)
-        whole = Morphology.coerce(morphology)
+        intact = Morphology.coerce(morphology)
         #: The body with every fault of its fins, whenever they begin.
-        self.morphology: Morphology = self.damage.body(whole)
+        self.morphology: Morphology = self.damage.body(intact)
         self.engine: str = resolve_engine("engine", engine)  #: The engine's name, never "auto".
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap = gap
         self._steps = steps
         self._substeps = substeps * gap.substeps
-        world = gap.edit(Scenario.create(whole, current=current))
+        world = gap.edit(Scenario.create(intact, current=current))
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
         for gain in self._scenario.servo_gain:

@@ -287,7 +287,7 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
     half = np.float32(0.5)
     for observed, expected in zip(observations, commands, strict=True):
         if senses.imu:
-            loop["held"] = observed[:, None]
+            loop["latched"] = observed[:, None]
         lanes.run(
             program.function, weights, program.layout, controller.interval, controller.interval,
             loop,

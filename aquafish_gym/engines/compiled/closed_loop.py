@@ -56,10 +56,10 @@ class ClosedLoop:
         view = self._view(name)
         groups, count, width = view.shape
         table = np.broadcast_to(rows, (count, self._batch))
-        whole = self._batch // width
-        view[:whole] = table[:, : whole * width].reshape(count, whole, width).transpose(1, 0, 2)
-        if whole < groups:
-            view[whole, :, : self._batch - whole * width] = table[:, whole * width :]
+        full = self._batch // width
+        view[:full] = table[:, : full * width].reshape(count, full, width).transpose(1, 0, 2)
+        if full < groups:
+            view[full, :, : self._batch - full * width] = table[:, full * width :]
 
     def _view(self, name: str) -> Reals:
         """View a field as (groups, n, width); a copy of this object has views of its own."""

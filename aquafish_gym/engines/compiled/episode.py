@@ -41,7 +41,7 @@ _SIZES = {
     "terms": 3,  # of the reward of an action
     # Of the nine channels of the inertial measurement unit:
     "observed": 9,  # what they say now
-    "held": 9,  # what they said when they got stuck
+    "latched": 9,  # what they said when they got stuck
     "bias": 9,
     "fresh": 9,  # 1 where a channel gets stuck with the next observation
     "stuck": 9,  # 1 where it is stuck
@@ -60,7 +60,7 @@ TERMS_ROW = EPISODE_FIELDS["terms"].start
 TOTAL_ROW = EPISODE_FIELDS["total"].start
 ALIVE_ROW = EPISODE_FIELDS["alive"].start
 OBSERVED_ROW = EPISODE_FIELDS["observed"].start
-HELD_ROW = EPISODE_FIELDS["held"].start
+LATCHED_ROW = EPISODE_FIELDS["latched"].start
 BIAS_ROW = EPISODE_FIELDS["bias"].start
 FRESH_ROW = EPISODE_FIELDS["fresh"].start
 STUCK_ROW = EPISODE_FIELDS["stuck"].start
@@ -71,21 +71,21 @@ MEMORY_NUMBERS = _SIZES["memory"]  # of every task, so that a memory is read by 
 _FIRST_OF_GYRO = 6
 
 
-def fetch_memory(kept: Any, like: Number) -> tuple[Number, ...]:
+def fetch_memory(rows: Any, like: Number) -> tuple[Number, ...]:
     """Read the task's memory."""
-    x, y, z = fetch_vector(kept, MEMORY_ROW, 0, 1, like)
-    u, v, w = fetch_vector(kept, MEMORY_ROW + 3, 0, 1, like)
+    x, y, z = fetch_vector(rows, MEMORY_ROW, 0, 1, like)
+    u, v, w = fetch_vector(rows, MEMORY_ROW + 3, 0, 1, like)
     return (x, y, z, u, v, w)
 
 
-def put_memory(kept: Any, memory: tuple[Number, ...]) -> None:
+def put_memory(rows: Any, memory: tuple[Number, ...]) -> None:
     """Write the task's memory."""
-    put_vector(kept, MEMORY_ROW, 0, 1, (memory[0], memory[1], memory[2]))
-    put_vector(kept, MEMORY_ROW + 3, 0, 1, (memory[3], memory[4], memory[5]))
+    put_vector(rows, MEMORY_ROW, 0, 1, (memory[0], memory[1], memory[2]))
+    put_vector(rows, MEMORY_ROW + 3, 0, 1, (memory[3], memory[4], memory[5]))
 
 
 def sensed(
-    kept: Any,
+    rows: Any,
     noise: Any,
     broken: bool,
     step: int,
@@ -102,50 +102,50 @@ def sensed(
     if not broken:
         return up, north, gyro
     like = gyro[0]
-    put_vector(kept, OBSERVED_ROW, 0, 1, up)
-    put_vector(kept, OBSERVED_ROW + 3, 0, 1, north)
-    put_vector(kept, OBSERVED_ROW + 6, 0, 1, gyro)
+    put_vector(rows, OBSERVED_ROW, 0, 1, up)
+    put_vector(rows, OBSERVED_ROW + 3, 0, 1, north)
+    put_vector(rows, OBSERVED_ROW + 6, 0, 1, gyro)
     fresh = 1.0 if first else 0.0
     for i in range(OBSERVED_CHANNELS):
-        x = fetch(kept, OBSERVED_ROW + i, like) + fetch(kept, BIAS_ROW + i, like)
+        x = fetch(rows, OBSERVED_ROW + i, like) + fetch(rows, BIAS_ROW + i, like)
         if i >= _FIRST_OF_GYRO and noise.size > 0:
             x = x + fetch(noise, 3 * step + i - _FIRST_OF_GYRO, like)
         x = clip(x, 1.0 if i < _FIRST_OF_GYRO else GYRO_RANGE)
-        x, held = faulty(
+        x, latched = faulty(
             x,
-            fetch(kept, HELD_ROW + i, like),
-            fresh * fetch(kept, FRESH_ROW + i, like),
-            fetch(kept, STUCK_ROW + i, like),
-            fetch(kept, DROPPED_ROW + i, like),
+            fetch(rows, LATCHED_ROW + i, like),
+            fresh * fetch(rows, FRESH_ROW + i, like),
+            fetch(rows, STUCK_ROW + i, like),
+            fetch(rows, DROPPED_ROW + i, like),
         )
-        put(kept, HELD_ROW + i, held)
-        put(kept, OBSERVED_ROW + i, x)
+        put(rows, LATCHED_ROW + i, latched)
+        put(rows, OBSERVED_ROW + i, x)
     return (
-        fetch_vector(kept, OBSERVED_ROW, 0, 1, like),
-        fetch_vector(kept, OBSERVED_ROW + 3, 0, 1, like),
-        fetch_vector(kept, OBSERVED_ROW + 6, 0, 1, like),
+        fetch_vector(rows, OBSERVED_ROW, 0, 1, like),
+        fetch_vector(rows, OBSERVED_ROW + 3, 0, 1, like),
+        fetch_vector(rows, OBSERVED_ROW + 6, 0, 1, like),
     )
 
 
-def note_action(kept: Any, action: Vector, command: Vector, position: Vector, dt: float) -> None:
+def note_action(rows: Any, action: Vector, command: Vector, position: Vector, dt: float) -> None:
     """Store an action and its start position; dead-reckon the fin angles after it."""
     like = action[0]
-    fins = fetch_vector(kept, RECKONED_ROW, 0, 1, like)
-    gain = fetch_vector(kept, GAIN_ROW, 0, 1, like)
+    fins = fetch_vector(rows, RECKONED_ROW, 0, 1, like)
+    gain = fetch_vector(rows, GAIN_ROW, 0, 1, like)
     speeds = (gain[0] * command[0], gain[1] * command[1], gain[2] * command[2])
-    put_vector(kept, RECKONED_ROW, 0, 1, reckon(fins, speeds, dt))
-    put_vector(kept, ACTION_ROW, 0, 1, action)
-    put_vector(kept, BEFORE_ROW, 0, 1, position)
+    put_vector(rows, RECKONED_ROW, 0, 1, reckon(fins, speeds, dt))
+    put_vector(rows, ACTION_ROW, 0, 1, action)
+    put_vector(rows, BEFORE_ROW, 0, 1, position)
 
 
-def note_divergence(kept: Any, state: State) -> None:
+def note_divergence(rows: Any, state: State) -> None:
     """Note whether the robot diverged."""
-    alive = fetch(kept, ALIVE_ROW, state.spin[0])
-    put(kept, ALIVE_ROW, where_less(0.0, has_diverged(state), 0.0, alive))
+    alive = fetch(rows, ALIVE_ROW, state.spin[0])
+    put(rows, ALIVE_ROW, where_less(0.0, has_diverged(state), 0.0, alive))
 
 
 def end_action(
-    kept: Any, states: Any, group: int, groups: int, state: State, rpy: Vector, scratch: Any
+    rows: Any, states: Any, group: int, groups: int, state: State, rpy: Vector, scratch: Any
 ) -> None:
     """Write the states after an action, who diverged in it, and what intact sensors observe.
 
@@ -153,11 +153,11 @@ def end_action(
     """
     like = rpy[0]
     lost = has_diverged(state)
-    put(kept, ALIVE_ROW, 1.0 - lost)
+    put(rows, ALIVE_ROW, 1.0 - lost)
     width = scratch.size // STATE_ROWS
     alive = 0
     for lane in range(ALIVE_ROW * width, (ALIVE_ROW + 1) * width):
-        alive += int(kept[lane])
+        alive += int(rows[lane])
     if alive == width:  # mostly: the states before need not be read again
         put_state(states, group, groups, state)
         put_vector(states, RPY, group, groups, rpy)
@@ -171,23 +171,23 @@ def end_action(
         state = fetch_state(states, group, groups, like)
     up, north = up_and_north(state.orientation)
     for i in range(3):
-        put(kept, OBSERVED_ROW + i, clip(up[i], 1.0))
-        put(kept, OBSERVED_ROW + 3 + i, clip(north[i], 1.0))
-        put(kept, OBSERVED_ROW + 6 + i, clip(state.spin[i], GYRO_RANGE))
+        put(rows, OBSERVED_ROW + i, clip(up[i], 1.0))
+        put(rows, OBSERVED_ROW + 3 + i, clip(north[i], 1.0))
+        put(rows, OBSERVED_ROW + 6 + i, clip(state.spin[i], GYRO_RANGE))
 
 
-def put_terms(kept: Any, terms: tuple[Number, ...], like: Number) -> None:
+def put_terms(rows: Any, terms: tuple[Number, ...], like: Number) -> None:
     """Write the terms of an action's reward, 0 of robots that diverged."""
-    alive = fetch(kept, ALIVE_ROW, like)
+    alive = fetch(rows, ALIVE_ROW, like)
     for k in range(len(terms)):
-        put(kept, TERMS_ROW + k, where_less(0.0, alive, terms[k], 0.0 * like))
+        put(rows, TERMS_ROW + k, where_less(0.0, alive, terms[k], 0.0 * like))
 
 
-def note_reward(kept: Any, terms: tuple[Number, ...], like: Number) -> None:
+def note_reward(rows: Any, terms: tuple[Number, ...], like: Number) -> None:
     """Add the terms of a reward, unless the robot has diverged."""
-    alive = fetch(kept, ALIVE_ROW, like)
-    total = fetch(kept, TOTAL_ROW, like)
+    alive = fetch(rows, ALIVE_ROW, like)
+    total = fetch(rows, TOTAL_ROW, like)
     reward = 0.0 * like
     for term in terms:
         reward = reward + term
-    put(kept, TOTAL_ROW, where_less(0.0, alive, total + reward, total))
+    put(rows, TOTAL_ROW, where_less(0.0, alive, total + reward, total))

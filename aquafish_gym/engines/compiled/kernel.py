@@ -144,7 +144,7 @@ def compile_kernel(
             np.empty(10 * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
-        whole = np.empty(width if late else 0, parameters.dtype)
+        lag_steps = np.empty(width if late else 0, parameters.dtype)
         scratch = np.empty(3 * width if late else 0, parameters.dtype)
         latest = np.empty(STATE_ROWS * width if acts else 0, parameters.dtype)
         rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
@@ -155,26 +155,26 @@ def compile_kernel(
             rpy = fetch_vector(states, RPY, group, groups, zero)
             current = fetch_vector(conditions, CURRENT, group, groups, zero)
             gain = fetch_vector(conditions, SERVO_GAIN, group, groups, zero)
-            kept, noise = episodes[group], noises[group]
+            rows, noise = episodes[group], noises[group]
             start = state.position
             if late:
-                share = begin_lag(conditions, group, groups, whole, zero)
-                older = arrived(given[group], whole, scratch, first_step - 1, zero)
+                share = begin_lag(conditions, group, groups, lag_steps, zero)
+                older = arrived(given[group], lag_steps, scratch, first_step - 1, zero)
                 depth = given[group].size // (3 * width)
             speeds = (zero, zero, zero)
             if closed:  # that of an action which goes on from the call before
-                speeds = lane_servo_speeds(fetch_vector(kept, ACTION_ROW, 0, 1, zero))
+                speeds = lane_servo_speeds(fetch_vector(rows, ACTION_ROW, 0, 1, zero))
             by = _driven(gain, speeds, h)
             in_block = 0
-            held = phase
-            asked = 0
+            elapsed = phase
+            commanded_at = 0
             for t in range(steps):
                 # The policy commands the servos, ...
-                if held == 0 or (t == 0 and not closed):
-                    asked = t
+                if elapsed == 0 or (t == 0 and not closed):
+                    commanded_at = t
                     time = (first_step + t) * (h * substeps)
                     if closed:
-                        memory = fetch_memory(kept, zero)
+                        memory = fetch_memory(rows, zero)
                         if flows:
                             current = current_of(task, memory, time)
                         goal = (zero, zero, zero)
@@ -183,16 +183,16 @@ def compile_kernel(
                         up, north = directions(rpy)
                         way = way_to(goal, state.position, cross(north, up), north, up)
                         up, north, gyro = sensed(
-                            kept, noise, broken, (first_step + t) // interval, t < interval,
+                            rows, noise, broken, (first_step + t) // interval, t < interval,
                             up, north, state.spin,
                         )  # fmt: skip
-                        fins = fetch_vector(kept, RECKONED_ROW, 0, 1, zero)
+                        fins = fetch_vector(rows, RECKONED_ROW, 0, 1, zero)
                         action = policy(
-                            weights, layout, kept[EPISODE_ROWS * width :], group, groups, time,
+                            weights, layout, rows[EPISODE_ROWS * width :], group, groups, time,
                             up, north, gyro, fins, way,
                         )  # fmt: skip
                         speeds = lane_servo_speeds(action)
-                        note_action(kept, action, speeds, state.position, dt)
+                        note_action(rows, action, speeds, state.position, dt)
                     else:
                         speeds = policy(weights, layout, group, groups, time, zero)
                     if not late:
@@ -200,8 +200,8 @@ def compile_kernel(
                 # ... which may be late (they are steady once all have followed it), ...
                 if late:
                     remember(given[group], first_step + t, speeds, width)
-                    if t - asked < depth:
-                        newer = arrived(given[group], whole, scratch, first_step + t, zero)
+                    if t - commanded_at < depth:
+                        newer = arrived(given[group], lag_steps, scratch, first_step + t, zero)
                         by = _driven(gain, late_command(older, newer, share), h)
                         older = newer
                 # ... the robot swims, ...
@@ -210,24 +210,24 @@ def compile_kernel(
                 if not rates_only:
                     rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
                 # ... the task judges the action once it is over, ...
-                held += 1
-                if held == interval:
-                    held = 0
-                if closed and held == 0:
-                    note_divergence(kept, state)
-                if closed and judged and held == 0:
-                    memory = fetch_memory(kept, zero)
+                elapsed += 1
+                if elapsed == interval:
+                    elapsed = 0
+                if closed and elapsed == 0:
+                    note_divergence(rows, state)
+                if closed and judged and elapsed == 0:
+                    memory = fetch_memory(rows, zero)
                     done = make_step(
-                        fetch_vector(kept, BEFORE_ROW, 0, 1, zero),
+                        fetch_vector(rows, BEFORE_ROW, 0, 1, zero),
                         state.position,
                         state.orientation,
-                        fetch_vector(kept, ACTION_ROW, 0, 1, zero),
+                        fetch_vector(rows, ACTION_ROW, 0, 1, zero),
                         memory,
                         dt,
                     )
-                    note_reward(kept, rewards(task, done), zero)
+                    note_reward(rows, rewards(task, done), zero)
                     if remembers:
-                        put_memory(kept, recall(task, done))
+                        put_memory(rows, recall(task, done))
                 # ... and what is asked for is recorded.
                 if record & SPECTRUM_BIT:
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
@@ -242,17 +242,17 @@ def compile_kernel(
             if rates_only:
                 rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             if acts:
-                end_action(kept, states, group, groups, state, rpy, latest)
+                end_action(rows, states, group, groups, state, rpy, latest)
                 if judged:
                     done = make_step(
                         start,
                         state.position,
                         state.orientation,
                         fetch_vector(weights, 3, group, groups, zero),
-                        fetch_memory(kept, zero),
+                        fetch_memory(rows, zero),
                         dt,
                     )
-                    put_terms(kept, rewards(task, done), zero)
+                    put_terms(rows, rewards(task, done), zero)
             else:
                 put_state(states, group, groups, state)
                 put_vector(states, RPY, group, groups, rpy)

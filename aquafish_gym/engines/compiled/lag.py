@@ -60,10 +60,10 @@ class GivenCommands:
         return view
 
 
-def begin_lag(conditions: Any, group: int, groups: int, whole: Any, like: Number) -> Number:
-    """Note the whole lags (width,) of a register's robots; return their newer commands' shares."""
+def begin_lag(conditions: Any, group: int, groups: int, lag_steps: Any, like: Number) -> Number:
+    """Note the lags (width,) of a register's robots; return the shares of newer commands."""
     found, share = lag_parts(fetch(conditions, SERVO_LAG * groups + group, like))
-    put(whole, 0, found)
+    put(lag_steps, 0, found)
     return share
 
 
@@ -73,13 +73,13 @@ def remember(given: Any, step: int, command: Vector, width: int) -> None:
     put_vector(given, 3 * (step % depth), 0, 1, command)
 
 
-def arrived(given: Any, whole: Any, scratch: Any, step: int, like: Number) -> Vector:
-    """Return the command that was given to each robot of a register its whole lag before a step."""
-    width = whole.size
+def arrived(given: Any, lag_steps: Any, scratch: Any, step: int, like: Number) -> Vector:
+    """Return what each robot of a register was commanded its lag before a step."""
+    width = lag_steps.size
     depth = given.size // (3 * width)
     now = step % depth
     for lane in range(width):
-        entry = now - int(whole[lane])
+        entry = now - int(lag_steps[lane])
         if entry < 0:
             entry += depth
         first = 3 * entry * width + lane

@@ -52,8 +52,8 @@ def _given_before(scenario: Scenario, commands: Floats, interval: int, begun: in
 def _joint_rates(scenario: Scenario, given: Floats, h: float) -> Floats:
     """Return how fast the joints (B, 3) turn after they were ``given`` commands, rad/s."""
     robot = scenario.beginning
-    whole, share = lag_parts(robot.servo_lag / TIMESTEP)
-    newer = given.shape[1] - 1 - whole.astype(np.intp)
+    lag_steps, share = lag_parts(robot.servo_lag / TIMESTEP)
+    newer = given.shape[1] - 1 - lag_steps.astype(np.intp)
     robots = np.arange(len(scenario))
     older_command, newer_command = (given[robots, at].T for at in (newer - 1, newer))
     followed = np.array(late_command(tuple(older_command), tuple(newer_command), share)).T
