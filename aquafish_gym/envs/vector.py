@@ -230,7 +230,9 @@ class AquaFishVectorEnv(
 
         And the terms of the reward, if the engine knows them.
         """
-        water = self.task.current(tuple(self._memory), self._steps * self.dt)
+        water = None
+        if type(self.task).current is not Task.current:
+            water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
             x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
             self._swimmers.set_current(np.stack([x, y, z], axis=1))
@@ -285,7 +287,7 @@ class AquaFishVectorEnv(
         return Step(here, there, (x, y, z, w), done, tuple(self._memory), self.dt)
 
     def _change(self, bad: Flags) -> None:
-        """Let robots become what their schedules say, except those under ``bad``."""
+        """Let robots whose next change has come change, except those under ``bad``."""
         due = self._robots.next_change == self._steps * self.frame_skip
         if due.any():
             changed = np.flatnonzero(due & ~bad)
@@ -352,8 +354,10 @@ class AquaFishVectorEnv(
         sensors = self._robots.sensors
         if sensors.broken:
             seen = sensors.observe(seen, -self._limits, self._limits, self._rngs, rows)
-        # Views of all robots: fancy indexing would take as long as all that is computed here.
-        self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
+        if len(rows) == self.num_envs:
+            self._seen = seen
+        else:
+            self._seen[rows] = seen
 
     def _info(self, before: Floats, terms: Terms, diverged: Flags, succeeded: Flags) -> Info:
         """Return ``info`` of a step that began at these positions (3, num_envs)."""
