@@ -76,6 +76,8 @@ GROUPS = {
         (
             "tests/test_damage.py",
             "tests/test_damage_words.py",
+            "tests/test_stages.py",
+            "tests/envs/test_fault_statements.py",
             "tests/envs/test_fault_words.py",
             "tests/envs/test_fault_refusals.py",
             "tests/envs/test_fault_times.py",
