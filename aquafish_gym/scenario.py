@@ -304,8 +304,11 @@ class Scenario:
     @staticmethod
     def concatenate(scenarios: Sequence[Scenario]) -> Scenario:
         """Return the robots of several scenarios, one after another, in one."""
-        if len({(one.reactive, one.stride) for one in scenarios}) != 1:
-            raise InvalidArgumentError("scenarios must be one or more, reactive all or none")
+        strides = {one.stride for one in scenarios if one.rates}
+        if len({one.reactive for one in scenarios}) != 1 or len(strides) > 1:
+            raise InvalidArgumentError(
+                "scenarios must be one or more, reactive all or none, and grow in equal strides"
+            )
         names = scenarios[0].arrays()
         joined: dict[str, Any] = {
             name: np.concatenate([vars(one)[name] for one in scenarios]) for name in names
@@ -321,7 +324,7 @@ class Scenario:
             )
             for name in sorted(growing)
         }
-        return replace(scenarios[0], **joined)
+        return replace(scenarios[0], **joined, stride=max(strides, default=1))
 
 
 class Segment(NamedTuple):

@@ -31,7 +31,10 @@ class Stages(NamedTuple):
     @property
     def counts(self) -> Rows:
         """How many rows each episode (P,) has."""
-        return np.diff(self.first, append=len(self.until))
+        ends = np.empty_like(self.first)
+        ends[:-1] = self.first[1:]
+        ends[-1:] = len(self.until)
+        return ends - self.first
 
     @property
     def episode(self) -> Rows:
@@ -141,7 +144,9 @@ class SlotTable:
         mine.until[rows] = stages.until
         columns = self._filled(mine.columns, stages.columns, rows, self._neutral)
         rates = self._filled(mine.rates, stages.rates, rows, _nothing)
-        self.stages = mine._replace(columns=columns, rates=rates, stride=stages.stride)
+        # The stride of a table without growth says nothing.
+        stride = stages.stride if stages.rates else mine.stride
+        self.stages = mine._replace(columns=columns, rates=rates, stride=stride)
 
     def moved(self, rows: Rows, room: int) -> Rows:
         """Return the present numbers of rows, numbered when a slot had the ``room``."""

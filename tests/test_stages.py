@@ -125,6 +125,19 @@ def test_a_robot_draws_the_same_alone_and_among_others(text: str) -> None:
         assert len({fault.part for fault in alone.faults[:-1]}) == len(alone) - 1
 
 
+def test_growth_goes_on_beside_a_robot_that_begins_without_damage() -> None:
+    robots = Scenario.create([Morphology.nominal()] * 2)
+    both = edit_each(robots, [Damage.parse("gyro_z:bias=0.8@0~8"), Damage()], HOLD)
+    player = SlotPlayer(both.stages)
+    first = np.zeros(1, int)
+    for _ in range(3):
+        bias = player.move(first)["sensor_bias"]
+    player.begin(first + 1, robots.take(1).stages)
+    assert player.next_change.tolist() == [4 * HOLD, NEVER]
+    after = player.move(first)["sensor_bias"]
+    np.testing.assert_allclose((after - bias)[0, -1], 0.8 * DT / 8.0)
+
+
 def test_an_episode_in_mid_swim_goes_on_where_it_is() -> None:
     stages = (
         Damage.parse("gyro_z:bias=1@1+2~1; caudal:weak=0.5@2").edit(Scenario.create(), 10).stages

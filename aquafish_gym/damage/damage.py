@@ -295,7 +295,7 @@ def _first_angles(angles: Floats, draws: Draws, dt: float) -> Floats:
     """Return where fins (P, 3) begin: those of dead servos anywhere, which is NaN."""
     found = angles.copy()
     active = Spans.of(draws, dt).first == 0
-    for kind, (part, word) in enumerate(draws.kinds):
+    for kind, (part, word) in draws.used:
         if word not in ("seized", "dead") or part not in FINS:
             continue
         for i in range(draws.kind.shape[1]):

@@ -6,6 +6,7 @@ the blocks of all robots at once.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -39,6 +40,11 @@ class Draws(NamedTuple):
     onset: Floats  #: (P, F) s
     duration: Floats  #: (P, F) s, infinite until the end
     growth: Floats  #: (P, F) s; 0 is at once
+
+    @property
+    def used(self) -> list[tuple[int, Kind]]:
+        """The numbers of the kinds that some episode has, with part and word."""
+        return [(kind, self.kinds[kind]) for kind in np.unique(self.kind).tolist() if kind != NONE]
 
     def take(self, rows: Any) -> Draws:
         """Return some of the episodes."""
@@ -139,8 +145,9 @@ def _of_tier(
     tier: Tier, parts: Parts, numbers: Any, count: int, kinds: list[Kind]
 ) -> list[tuple[Rows, Floats, Flags]]:
     """Return kinds, numbers and whether these may grow (P,), of each part that a tier breaks."""
-    names = list(parts)
-    known: dict[Kind, int] = {}
+    known = _Known(tier, parts)
+    begin = len(kinds)
+    kinds += known.kinds
     taken = np.full((count, tier.parts), NONE)
     found = []
     for i in range(tier.parts):
@@ -149,10 +156,8 @@ def _of_tier(
         number = np.full(count, np.nan)
         grows = np.zeros(count, np.bool_)
         # Robots of which the same parts are broken already have the same ways to break.
-        sets, of_set = np.unique(np.sort(taken[:, :i], axis=1), axis=0, return_inverse=True)
-        for j, gone in enumerate(sets.tolist()):
-            rows = np.flatnonzero(of_set.reshape(-1) == j)
-            ways = _ways(tier, parts, names, {names[part] for part in gone if part != NONE}, known)
+        for rows in _alike(taken[:, :i], len(parts)):
+            ways = _ways(known, frozenset(taken[rows[0], :i].tolist()))
             if ways is None:
                 continue
             way = np.searchsorted(ways.cumulative, way_at[rows], "right")
@@ -161,26 +166,54 @@ def _of_tier(
             low = ways.low[way]
             drawn = low + (ways.high[way] - low) * number_at[rows]
             drawn = np.where(ways.signed[way] & (sign_at[rows] < 0.5), -drawn, drawn)
-            kind[rows] = ways.kind[way, place]
+            kind[rows] = ways.kind[way, place] + begin
             number[rows] = np.where(ways.takes[way, place], drawn, np.nan)
             grows[rows] = ways.grows[way, place]
             taken[rows, i] = ways.part[way, place]
-        found.append((np.where(kind == NONE, NONE, kind + len(kinds)), number, grows))
-    kinds += known
+        found.append((kind, number, grows))
     return found
 
 
-def _ways(
-    tier: Tier, parts: Parts, names: list[str], gone: set[str], known: dict[Kind, int]
-) -> _Ways | None:
-    """Return the ways to break what is not ``gone``; None if there is none.
+def _alike(taken: Rows, parts: int) -> list[Rows]:
+    """Return the numbers of the episodes (P, i) in groups of which the same parts are taken."""
+    if not taken.shape[1]:
+        return [np.arange(len(taken))]
+    code = np.zeros(len(taken), np.intp)
+    for column in np.sort(taken, axis=1).T:
+        code = code * (parts + 1) + column - NONE
+    return [np.flatnonzero(code == one) for one in np.unique(code)]
 
-    Part and word of each are added to ``known``.
-    """
-    ways = ways_to_break(tier, {name: words for name, words in parts.items() if name not in gone})
+
+class _Known:
+    """A tier and the parts that it may break. Equal ones are of the same objects."""
+
+    def __init__(self, tier: Tier, parts: Parts) -> None:
+        self.tier = tier
+        self.parts = parts
+        words = dict.fromkeys(chance.word for chance in tier.chances)
+        self.kinds = [(name, word) for name in parts for word in words if word in parts[name]]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Known) and (self.tier, id(self.parts)) == (
+            other.tier,
+            id(other.parts),
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.tier, id(self.parts)))
+
+
+@functools.lru_cache(maxsize=256)  # the parts of a key stay, so that no others have their identity
+def _ways(known: _Known, gone: frozenset[int]) -> _Ways | None:
+    """Return the ways to break what is not ``gone``; None if there is none."""
+    names = list(known.parts)
+    broken = {names[part] for part in gone if part != NONE}
+    left = {name: words for name, words in known.parts.items() if name not in broken}
+    ways = ways_to_break(known.tier, left)
     if not ways:
         return None
     number_of = {name: i for i, name in enumerate(names)}
+    number_of_kind = {kind: i for i, kind in enumerate(known.kinds)}
     widest = max(len(fitting) for _, fitting in ways)
     shape = (len(ways), widest)
     part, kind = np.zeros(shape, np.intp), np.zeros(shape, np.intp)
@@ -188,9 +221,9 @@ def _ways(
     for i, (chance, fitting) in enumerate(ways):
         for j, name in enumerate(fitting):
             part[i, j] = number_of[name]
-            kind[i, j] = known.setdefault((name, chance.word), len(known))
-            grows[i, j] = can_grow(chance.word, parts[name][chance.word])
-            takes[i, j] = needs_number(parts[name][chance.word])
+            kind[i, j] = number_of_kind[name, chance.word]
+            grows[i, j] = can_grow(chance.word, known.parts[name][chance.word])
+            takes[i, j] = needs_number(known.parts[name][chance.word])
     weights = np.array([chance.weight for chance, _ in ways])
     return _Ways(
         np.cumsum(weights) / weights.sum(),

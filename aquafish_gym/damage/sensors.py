@@ -13,8 +13,8 @@ from aquafish_gym.utils.array_types import Rows
 
 #: The index of the robot in a batch of one.
 ONLY_ROBOT: Rows = np.zeros(1, np.intp)
-_SENSOR_WORDS = ("bias", "stuck", "dropped", "scale", "delay", "hold")
-_SERVO_WORDS = ("delay", "hold")
+_OF_SENSORS = ("bias", "stuck", "dropped", "scale", "delay", "hold")
+_OF_SERVOS = ("delay", "hold")
 
 
 def sensor_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -22,7 +22,7 @@ def sensor_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any
 
     Only the gyro's channels have noise.
     """
-    found = {word: columns[f"sensor_{word}"] for word in _SENSOR_WORDS}
+    found = {word: columns[f"sensor_{word}"] for word in _OF_SENSORS}
     noise = np.zeros(found["bias"].shape)
     noise[:, GYRO_CHANNELS] = columns["gyro_noise"][:, None]
     return {"noise": noise, **found}
@@ -30,4 +30,4 @@ def sensor_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any
 
 def servo_columns(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return how late and slow servos (n, S) are, s, given a scenario's columns (n, ...)."""
-    return {word: columns[f"servo_{word}"] for word in _SERVO_WORDS}
+    return {word: columns[f"servo_{word}"] for word in _OF_SERVOS}

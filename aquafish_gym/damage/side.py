@@ -42,7 +42,9 @@ class Side:
         first: ArrayLike | None = None,
     ) -> None:
         self._shape = (count, channels)
-        self._dt, self._dtype, self._first = dt, dtype, first
+        self._dt = dt
+        self._dtype = dtype
+        self._first = first
         self._now: transmit.Columns = {}  # of the words that ever held
         self._state: transmit.State = {}
         self._count = np.zeros(count, np.int64)  # numbers of the episode that came

@@ -135,7 +135,7 @@ class Channels:
         """
         count = len(draws.kind)
         intact: dict[str, NDArray[Any]] = {"faults": np.zeros(count, np.int64)}
-        for part, word in draws.kinds:
+        for _, (part, word) in draws.used:
             side, _ = channels_of(part)
             several = ("seized", "latched") if word == "seized" else (column_of(word),)
             for name in several:

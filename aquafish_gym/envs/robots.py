@@ -101,11 +101,6 @@ class Robots:
         self.sensors.update(rows, sensor_columns(fields))
         self._servos.update(rows, servo_columns(fields))
 
-    @property
-    def acts_late(self) -> bool:
-        """Whether servos may follow earlier actions than the last."""
-        return self._servos.remembers
-
     def follow(self, action: Vector) -> Vector:
         """Return the action that servos follow in this step, which may be an earlier one.
 

@@ -226,7 +226,7 @@ class AquaFishVectorEnv(
         return over
 
     def _swim(self, action: Floats) -> tuple[Flags, Observations, Terms]:
-        """Swim one step; return who diverged, and what intact sensors observe in nine channels.
+        """Swim one step; return which robots diverged, and what intact sensors observe of the IMU.
 
         And the terms of the reward, if the engine knows them.
         """
@@ -255,7 +255,7 @@ class AquaFishVectorEnv(
     def _judge(
         self, before: Floats, action: Floats, terms: Terms, void: Flags
     ) -> tuple[Terms, Flags]:
-        """Return the reward's terms, and who succeeded; let the task remember.
+        """Return the reward's terms, and which robots succeeded; let the task remember.
 
         Nothing counts of the robots under ``void``. ``terms`` are there if the engine judged.
         """
@@ -378,8 +378,8 @@ class AquaFishVectorEnv(
         here = self._positions()
         step = self._step_from(here, np.zeros((3, self.num_envs)))
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
-        nobody = np.zeros(self.num_envs, np.bool_)
-        return self._info(here, nothing, nobody, nobody)
+        none = np.zeros(self.num_envs, np.bool_)
+        return self._info(here, nothing, none, none)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Free what the engine holds; see ``close``."""

@@ -289,7 +289,7 @@ class VectorFaultWrapper(_VectorWrapper):
         return self._player.act(actions)
 
     def _beginning(self, begins: Any) -> Any:
-        """Return the mask of those that begin an episode, or None: on NumPy, nobody does."""
+        """Return the mask of those that begin an episode; None where none does, on NumPy."""
         if self._host is None or begins is None:
             return begins
         rows = np.flatnonzero(begins)

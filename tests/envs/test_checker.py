@@ -34,7 +34,7 @@ HELD = {
     "AquaFish-v0": "bb0973ec7c9e0779",
     "AquaFishStation-v0": "da79a2a3b123748b",
     "AquaFishWaypoint-v0": "a9e9868354cbd8a9",
-    "AquaFishRecovery-v0": "dc5c6b56e2052427",
+    "AquaFishRecovery-v0": "7c67a4f0a63c1b2d",
     "AquaFishReturn-v0": "6addbf68718d9662",
 }
 
