@@ -30,9 +30,8 @@ def small(out: Path, *entries: str, episodes: int = 3) -> Scores:
 
 
 def test_a_committed_controller_has_its_committed_scores() -> None:
-    # Another rounding, of processors or of the batch in single precision, decides where a few robots
-    # are after 100 s. The scores were made when damage was drawn in the episode: its noise then was
-    # another.
+    # Another rounding, of processors or of single precision, decides where a few robots are after
+    # 100 s. The scores were made when damage was drawn in the episode: its noise then was another.
     name = "AquaFishRecovery-v0"
     kept = json.loads((COMMITTED / "forward" / "CMA-ES--fins" / "100.json").read_text())
     found = play(name, Controller.from_dict(kept["controller"]))
