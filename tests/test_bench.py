@@ -42,9 +42,11 @@ def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:
         assert row["ratio"] == pytest.approx(row["rate"] / reference["rate"])
 
 
-# A kernel for each width takes a minute to compile.
+SLOW = ("widths", "tasks", "pictures")  # that compile kernels of their own, or draw
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "widths" else n for n in GROUPS]
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in GROUPS]
 )
 def test_every_group_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDS:

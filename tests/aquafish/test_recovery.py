@@ -242,6 +242,7 @@ def test_another_configuration_in_the_same_folder_is_refused(study: Path) -> Non
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> None:
     shutil.rmtree(again / "seed-001" / "out-of-band")
     for treatment in FAST_TREATMENTS:

@@ -85,6 +85,7 @@ def test_what_is_wrong_with_a_log_is_named(name):
     assert found.tried[0].unexplained < 0.05
 
 
+@pytest.mark.slow
 def test_degrees_are_named_where_a_slow_swim_passes_for_one_in_radians():
     log = swim(commands=SLOW, noise=1e-4, steps=160)
     degrees = spoiled(log, gyro=lambda g: g / DEGREE)
@@ -93,6 +94,7 @@ def test_degrees_are_named_where_a_slow_swim_passes_for_one_in_radians():
     assert found.unexplained > 0.5
 
 
+@pytest.mark.slow
 def test_a_log_of_noise_is_asked_about_in_all_respects():
     noise = np.random.default_rng(1).normal(0.0, 0.5, swim().gyro.shape)
     found = check_log(spoiled(swim(), gyro=lambda _: noise), unexplained=1.0, threads=1)

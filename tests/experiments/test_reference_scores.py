@@ -41,7 +41,7 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
         for what, values in kept_scores.items():
             expected = np.array(values)[same]
             alike = np.isclose(np.array(found[column][what])[same], expected, rtol=1e-3, atol=1e-3)
-            assert alike.mean() >= 0.97
+            assert alike.mean() >= 0.95
 
 
 @jobs_in_process()

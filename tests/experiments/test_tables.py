@@ -18,6 +18,7 @@ def rows_of(out: Path) -> list[list[str]]:
 
 
 @jobs_in_process()
+@pytest.mark.slow
 def test_gaits_for_a_sample_are_compared_with_the_true_bodys(tmp_path: Path) -> None:
     quick = EvolveConfig(
         search="cma", generations=1, population=10, random_candidates=12, seconds=2.0, threads=1
