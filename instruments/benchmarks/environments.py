@@ -71,8 +71,8 @@ def _vector_rows(
         return Row(what, "numba", "float32", robots, threads, amount, call, other, share=share)
 
     many = robots * steps
-    first = row(f"episodes, {DAMAGE}", many, lambda: swim(broken, steps), share=False)
-    whole = row("episodes, no damage", many, lambda: swim(intact, steps), first, share=False)
+    first = row("damaged episodes", many, lambda: swim(broken, steps), share=False)
+    whole = row("intact episodes", many, lambda: swim(intact, steps), first, share=False)
     physics = row(
         "of which physics",
         robots,
@@ -91,7 +91,7 @@ def resets(settings: Settings, cleanup: ExitStack) -> Group:
         envs = _make_vec(robots, 1, damage, settings, cleanup)
         rows.append(
             Row(
-                f"reset, {damage or 'no damage'}", "numba", "float32", robots, 1, 1, envs.reset,
+                "reset, damaged" if damage else "reset, intact", "numba", "float32", robots, 1, 1, envs.reset,
                 rows[0] if rows else None, as_time=True,
             )
         )  # fmt: skip

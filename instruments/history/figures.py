@@ -131,8 +131,8 @@ _Timed = tuple[str, ...]
 RATIOS: Mapping[tuple[_Timed, _Timed], str] = {
     (("AquaFish-v0", "numba", "float64", "1", "1"),
      ("AquaFish-v0", "pybullet", "float64", "1", "1")): "AquaFish-v0, numba to PyBullet",
-    (("make_vec", "numba", "float32", "1024", "1"),
-     ("AquaFish-v0", "pybullet", "float64", "1", "1")): "make_vec of 1,024 to one on PyBullet",
+    (("damaged episodes", "numba", "float32", "1024", "1"),
+     ("AquaFish-v0", "pybullet", "float64", "1", "1")): "episodes of 1,024 to one on PyBullet",
     (("LaneVecEnv", "numba", "float32", "1024", "2"),
      ("DummyVecEnv", "pybullet", "float64", "8", "1")): "LaneVecEnv of 1,024 to 8 on PyBullet",
     (("our law, no log", "numba", "float32", "4096", "1"),
