@@ -87,11 +87,11 @@ def resets(settings: Settings, cleanup: ExitStack) -> Group:
     """Return resets of all robots of a batch, without seeds."""
     robots = min(ROBOTS, settings.robots)
     rows: list[Row] = []
-    for damage in (None, DAMAGE):
+    for what, damage in (("intact", None), ("damaged", DAMAGE)):
         envs = _make_vec(robots, 1, damage, settings, cleanup)
         rows.append(
             Row(
-                "reset, damaged" if damage else "reset, intact", "numba", "float32", robots, 1, 1, envs.reset,
+                f"reset, {what}", "numba", "float32", robots, 1, 1, envs.reset,
                 rows[0] if rows else None, as_time=True,
             )
         )  # fmt: skip
