@@ -354,6 +354,23 @@ def test_added_tier_is_understood(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(0.3 <= fault.number <= 0.5 for fault in drawn)
 
 
+def test_a_tier_may_hold_lists(monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = Chance("length", 1.0, 0.1, 0.2, ["caudal"])  # type: ignore[arg-type]
+    monkeypatch.setitem(TIERS, "clipped", Tier(1, [chance]))  # type: ignore[arg-type]
+    (fault,) = Damage.parse("random:clipped").sample(np.random.default_rng(0))
+    assert (fault.part, fault.word) == ("caudal", "length")
+
+
+@pytest.mark.parametrize("weights", [(0.5, 0.4), (1.5, -0.5), (np.nan, 1.0)])
+def test_weights_of_a_tier_are_probabilities(
+    weights: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chances = tuple(Chance("missing", weight) for weight in weights)
+    monkeypatch.setitem(TIERS, "odd", Tier(1, chances))
+    with pytest.raises(InvalidArgumentError, match="the weights of damage random:odd"):
+        Damage.parse("random:odd")
+
+
 @pytest.mark.parametrize("tier", TIERS)
 def test_tier_samples_follow_its_table(tier: str) -> None:
     count, chances = TIERS[tier]

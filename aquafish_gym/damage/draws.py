@@ -193,14 +193,15 @@ class _Known:
         words = dict.fromkeys(chance.word for chance in tier.chances)
         self.kinds = [(name, word) for name in parts for word in words if word in parts[name]]
 
+        # A tier of a user's may hold lists, which have no hash.
+        chances = tuple((*chance[:-1], tuple(chance.parts)) for chance in tier.chances)
+        self._key = (chances, id(parts))
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Known) and (self.tier, id(self.parts)) == (
-            other.tier,
-            id(other.parts),
-        )
+        return isinstance(other, _Known) and self._key == other._key
 
     def __hash__(self) -> int:
-        return hash((self.tier, id(self.parts)))
+        return hash(self._key)
 
 
 @functools.lru_cache(maxsize=256)  # the parts of a key stay, so that no others have their identity

@@ -34,6 +34,7 @@ from aquafish_gym.utils.validation import (
 )
 
 MAXIMUM_GROWTH_STEPS = 1000  # two faults of one number change it in each of them
+WEIGHT_TOLERANCE = 1e-8  # by which the weights of a tier may miss 1, as of numpy's choice
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
 
@@ -234,7 +235,15 @@ def channels_of(part: str) -> tuple[str, slice]:
 
 
 def _check_tier(name: str, tier: Tier) -> None:
-    """Raise InvalidArgumentError if a tier, such as a user's, has a fault that no part can have."""
+    """Raise InvalidArgumentError if a tier, such as a user's, has a fault that no part can have.
+
+    Or if its weights are no probabilities.
+    """
+    weights = finite_array(
+        f"the weights of {name}", [one.weight for one in tier.chances], (None,), 0.0
+    )
+    if abs(weights.sum() - 1.0) > WEIGHT_TOLERANCE:
+        raise InvalidArgumentError(f"the weights of {name} must sum to 1; got {weights.sum():g}")
     for chance in tier.chances:
         tables = [words_of(part) for part in chance.parts or (*PARTS, *CHANNEL_WORDS)]
         known = dict.fromkeys(word for words in tables for word in words)

@@ -42,7 +42,8 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
             expected = np.array(values)[same]
             now = np.array(found[column][what])[same]
             # Robots that tumble, as most of the severely damaged do, are chaotic.
-            assert np.isclose(now, expected, rtol=1e-3, atol=1e-3).mean() >= 0.6
+            alike = np.isclose(now, expected, rtol=1e-3, atol=1e-3).mean()
+            assert alike >= (0.6 if column == "severe" and what != "twin" else 0.95)
             assert now.mean() == pytest.approx(expected.mean(), rel=0.02)
 
 
