@@ -1,7 +1,7 @@
 """The Estimation-Exploration Algorithm for robots that do not know where their fins are.
 
 The algorithm, ``eea.core``, contains no robot: it calls a ``Target`` and a ``Simulator``, and needs
-numpy only. ``eea.joint``, the method beyond the paper, infers body, angles and nuisances together,
+numpy only. ``eea.infer``, the method beyond the paper, infers body, angles and nuisances together,
 and also needs scipy. ``eea.fish`` binds both to the fish of ``aquafish_gym``. ``eea.study`` runs
 many replicates. All packages except the core are loaded when first used.
 """
@@ -15,11 +15,10 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "core": core.__all__,
         "fish": fish.__all__,
-        "joint.problem": ["Hypothesis", "Nuisance"],
-        "joint.observed": ["Trial"],
-        "joint.robot": ["Robot"],
-        "joint.session": ["JointInference"],
-        "statistics.normal": ["Normal"],
+        "infer.session": ["JointInference"],
+        "infer.robot": ["Robot"],
+        "infer.statement": ["Hypothesis", "Normal", "Nuisance"],
+        "infer.trials": ["Trial"],
         "study.presets": ["FIGURES", "figure_config"],
     },
 )

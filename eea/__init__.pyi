@@ -1,10 +1,10 @@
 from .core import *  # noqa: F403
 from .fish import *  # noqa: F403
-from .joint.observed import Trial as Trial
-from .joint.problem import Hypothesis as Hypothesis
-from .joint.problem import Nuisance as Nuisance
-from .joint.robot import Robot as Robot
-from .joint.session import JointInference as JointInference
-from .statistics.normal import Normal as Normal
+from .infer.robot import Robot as Robot
+from .infer.session import JointInference as JointInference
+from .infer.statement import Hypothesis as Hypothesis
+from .infer.statement import Normal as Normal
+from .infer.statement import Nuisance as Nuisance
+from .infer.trials import Trial as Trial
 from .study.presets import FIGURES as FIGURES
 from .study.presets import figure_config as figure_config

@@ -1,6 +1,6 @@
 """Change detection in mid-swim: do observations surprise the filter more than its own error does?
 
-Changes in a recorded log, without a state before them, are ``eea.joint.change_detection``'s.
+Changes in a recorded log, without a state before them, are ``eea.infer.known``'s.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from eea.cli.progress import waiting
 from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim
 from eea.fish.swim_log import SwimLog
-from eea.joint.change_detection import check_alarm
+from eea.infer.known import check_alarm
 
 WATCHED_FILE = "watched.json"
 WATCHED_PICTURE = "watched.png"

@@ -186,7 +186,7 @@ class PaperConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """Settings of one fit of joint inference, ``eea.joint.inference.fit``.
+    """Settings of one fit of joint inference, ``eea.infer.fit.fit``.
 
     Examples
     --------

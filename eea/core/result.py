@@ -136,7 +136,7 @@ class Result:
     rounds: list[RoundRecord] = field(default_factory=list)
     #: Why the run ended: ``"rounds"`` or ``"narrow"``; ``"interrupted"`` until then.
     stopped: str = "interrupted"
-    #: The posterior of joint inference, an ``eea.joint.joint_posterior.JointPosterior``.
+    #: The posterior of joint inference, an ``eea.infer.answer.Answer``.
     belief: Any = None
 
     @property

@@ -97,7 +97,7 @@ def fish_eea(
     if isinstance(config, JointConfig):
         # scipy.stats is imported here to keep `import eea` quick.
         from eea.fish.joint import fish_robot
-        from eea.joint.session import JointInference
+        from eea.infer.session import JointInference
 
         return JointInference(target, fish_robot(engine), problem, config, seed, body)
     return EEA(target, engine, problem, config, seed, body)

@@ -14,8 +14,8 @@ from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
 from eea.fish.hypotheses import SERVO
 from eea.fish.joint import LAG, SERVO_GAIN
-from eea.joint.hypothesis_posterior import INTERVAL_SAMPLES
-from eea.joint.joint_posterior import JointPosterior
+from eea.infer.answer import Answer
+from eea.infer.branch import INTERVAL_SAMPLES
 
 
 class Fins(NamedTuple):
@@ -53,7 +53,7 @@ def fins_after(result: Result) -> Fins:
     """
     instance("result", result, Result)
     belief = result.belief
-    if not isinstance(belief, JointPosterior) or not belief.robot.hidden:
+    if not isinstance(belief, Answer) or not belief.robot.hidden:
         raise ConfigurationError(
             "result must be of the condition joint, after a trial from unknown fin angles"
         )

@@ -8,7 +8,7 @@ from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.damage.words import PARTS, SERVO_WORDS, needs_number
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS
 from aquafish_gym.scenario import Scenario
-from eea.joint.problem import Hypothesis
+from eea.infer.statement import Hypothesis
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}

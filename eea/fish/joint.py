@@ -20,17 +20,10 @@ from eea.core.checks import choice
 from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
 from eea.fish.material import ASSUMED, MATERIAL_CHANGE, OTHER_MATERIALS, Material
 from eea.fish.simulator import EngineSimulator
+from eea.fish.simulator_error import Calibration, Discrepancy
 from eea.fish.windows import LogWindows
-from eea.joint.problem import (
-    Discrepancy,
-    Nuisance,
-    Part,
-    Values,
-    groups_of,
-)
-from eea.joint.robot import Robot
-from eea.joint.robot_model import MOST_STRIDE
-from eea.statistics.conformal import Calibration
+from eea.infer.robot import Robot
+from eea.infer.statement import MOST_STRIDE, Nuisance, Part, Values, groups_of
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
 FINER_STEPS = 4  # per step of the simulator, to measure the error of its time step
@@ -82,7 +75,7 @@ def fish_signal(
     windows: LogWindows | None = None,
     material: Material | None = None,
 ) -> NDArray[np.floating]:
-    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.robot_model.Simulate``.
+    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.infer.statement.Simulate``.
 
     ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,). The
     ``material`` is by default that of the engines.

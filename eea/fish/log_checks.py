@@ -24,13 +24,13 @@ from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typic
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
-from eea.joint.descent import descend
-from eea.joint.inference import fit
-from eea.joint.initialization import EVERY_FOURTH_SAMPLE, scan
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import COARSE, Regression
-from eea.joint.observed import Observed
-from eea.joint.parameters import Parameters
+from eea.infer.answer import Answer
+from eea.infer.descent import descend
+from eea.infer.fit import fit
+from eea.infer.misfit import COARSE, Regression
+from eea.infer.search import EVERY_FOURTH_SAMPLE, scan
+from eea.infer.trials import Observed
+from eea.infer.unknowns import Unknowns
 
 #: Questions to check for a log that no change explains.
 CHECKLIST = (
@@ -189,13 +189,13 @@ def check_log(
     return LogCheck(unexplained, (*sorted(confirmed, key=lambda t: t.unexplained), *rest))
 
 
-def _share(found: JointPosterior | None) -> float:
+def _share(found: Answer | None) -> float:
     """Return the unexplained share of a fit's signal; 1 without a fit."""
     share = None if found is None else found.goodness.unexplained
     return 1.0 if share is None else share
 
 
-def _settled(change: LogChange, found: JointPosterior, step: float) -> LogChange:
+def _settled(change: LogChange, found: Answer, step: float) -> LogChange:
     """Return a change of the clock or of a delay, refined by the nuisances of its complete fit.
 
     Readings that are moved too far look like a lag. A clock that is changed too much looks like
@@ -241,7 +241,7 @@ class _Log(NamedTuple):
             None if whole.time is None else whole.time[:count],
         )
         wanted = ("servo_gain", "gyro_bias", *(["lag"] if change.kind == "delay" else []))
-        parameters = Parameters.of(fish, count, wanted if iterations else ())
+        parameters = Unknowns.of(fish, count, wanted if iterations else ())
         regression = Regression(parameters, observed, None)
         rng = np.random.default_rng(self.seed)
         theta = scan(regression, rng, SCREENING)
@@ -259,7 +259,7 @@ class _Log(NamedTuple):
             return None
         return TriedChange(change, float(np.sqrt(squares / misfit.count)) / regression.rms)
 
-    def confirmed(self, change: LogChange) -> JointPosterior | None:
+    def confirmed(self, change: LogChange) -> Answer | None:
         """Return the complete fit of the whole changed log; None if it is impossible."""
         moving = self.moving or change.moving
         config = replace(CONFIRMING, nuisances=self.settings.nuisances, noise=self.settings.noise)

@@ -27,11 +27,11 @@ from eea.fish.readings import STEP_TIME_TOLERANCE
 from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import LogWindows, Start, log_windows
-from eea.joint.change_detection import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
-from eea.joint.inference import fit
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.search import Optima
-from eea.joint.session import round_fit
+from eea.infer.answer import Answer
+from eea.infer.fit import fit
+from eea.infer.known import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
+from eea.infer.search import Optima
+from eea.infer.session import round_fit
 
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
 
@@ -44,7 +44,7 @@ def infer_log(
     truth: Morphology | ArrayLike | None = None,
     *,
     moving: bool = False,
-    prior: JointPosterior | Morphology | None = None,
+    prior: Answer | Morphology | None = None,
     start: Start | None = None,
     check: bool = False,
     progress: Callable[[str], None] | None = None,
@@ -141,13 +141,11 @@ def infer_log(
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)
 
 
-def _known_noise(
-    config: FitConfig, prior: JointPosterior | Morphology, windows: LogWindows
-) -> float:
+def _known_noise(config: FitConfig, prior: Answer | Morphology, windows: LogWindows) -> float:
     """Return the noise, rad/s, for a swim with a prior."""
     if config.noise is not None:
         return config.noise
-    if not isinstance(prior, JointPosterior):
+    if not isinstance(prior, Answer):
         raise InvalidArgumentError(
             "joint must have the gyroscope's noise where prior is a body, since an unknown noise "
             "would explain any change; got noise=None"
@@ -182,7 +180,7 @@ class Watched(NamedTuple):
 @own_errors
 def watch_swim(
     log: SwimLog,
-    belief: JointPosterior,
+    belief: Answer,
     *,
     alarm: float = FALSE_ALARM_PROBABILITY,
     seed: int = 0,
@@ -193,7 +191,7 @@ def watch_swim(
     """Compare a swim with the posterior of a body, one window of a second at a time.
 
     A window has at least 16 readings, so it is longer in a slow log.
-    ``eea.joint.change_detection`` describes the test. The noise is that of the posterior's trials,
+    ``eea.infer.known`` describes the test. The noise is that of the posterior's trials,
     or of the log where it is noisier.
 
     Parameters

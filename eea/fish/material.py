@@ -9,7 +9,7 @@ import numpy as np
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
 from eea.core.angles import Floats
-from eea.joint.problem import Assumed
+from eea.fish.simulator_error import Assumed
 
 THICKNESS = "the thickness of the fins"
 # Fins of aluminium or weighted plastic are 1 to 2.7 times as dense as water; a rough or ribbed skin

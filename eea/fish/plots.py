@@ -13,7 +13,7 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.fish.log_inference import Watched
-from eea.joint.joint_posterior import JointPosterior
+from eea.infer.answer import Answer
 
 # Of Okabe and Ito's palette, which colour-blind readers can tell apart.
 BLUE = "#0072B2"
@@ -93,7 +93,7 @@ def posterior_figure(result: Result) -> Figure:
     priors in grey. Where no body explains the trials only the values of the best fit are shown.
     """
     belief = result.belief
-    if not isinstance(belief, JointPosterior):
+    if not isinstance(belief, Answer):
         raise ConfigurationError(
             "result must have a posterior to be drawn, as the condition joint has after a round; "
             f"got the condition {result.config.condition} without a posterior"

@@ -9,8 +9,8 @@ from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import instance
 from eea.core.checks import ConfigurationError
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
+from eea.infer.answer import Answer
+from eea.infer.file import ARRAYS, from_arrays, to_arrays
 
 MOST_HEADER_BYTES = 4 * 2**20
 
@@ -27,10 +27,10 @@ def save_posterior(path: str | os.PathLike[str], belief: Any) -> None:
     CannotWriteError
         If the file cannot be written.
     """
-    write_arrays(path, to_arrays(instance("belief", belief, JointPosterior)))
+    write_arrays(path, to_arrays(instance("belief", belief, Answer)))
 
 
-def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
+def load_posterior(path: str | os.PathLike[str]) -> Answer:
     """Return the posterior that ``save_posterior`` wrote, such as ``posterior.npz`` of a run.
 
     Its ``interval``, ``sample`` and ``table`` return the same as before saving.

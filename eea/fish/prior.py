@@ -17,16 +17,14 @@ from eea.fish.hypotheses import SERVO, fault_hypothesis
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
-from eea.joint.combinations import joined
-from eea.joint.hypothesis_posterior import HypothesisPosterior
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.parameters import Parameters
-from eea.joint.plausibility import check_posterior
-from eea.joint.problem import Hypothesis
-from eea.joint.robot import Robot
-from eea.statistics.goodness_of_fit import Goodness
-from eea.statistics.normal import Normal
-from eea.statistics.posterior import Mode
+from eea.infer.answer import Answer
+from eea.infer.branch import Branch
+from eea.infer.file import check_posterior
+from eea.infer.goodness import Goodness
+from eea.infer.mixture import Mode
+from eea.infer.robot import Robot
+from eea.infer.statement import Hypothesis, Normal, joined
+from eea.infer.unknowns import Unknowns
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
@@ -38,9 +36,7 @@ LOUDER_P_VALUE = 0.01  # below it a log's noise is louder than the posterior's
 UNCHANGED_NAME = "nothing has changed"
 
 
-def known_body(
-    body: Morphology, noise: float, nuisances: Sequence[str] | None = None
-) -> JointPosterior:
+def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None = None) -> Answer:
     """Return the posterior of a body that is known without trials, such as the intact body.
 
     Parameters
@@ -72,19 +68,19 @@ def known_body(
     names = [d.name for d in DIMENSIONS]
     known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))
     robot = replace(robot, nominal=known, hypotheses=())
-    parameters = Parameters.of(robot, 1, robot.groups if nuisances is None else nuisances)
+    parameters = Unknowns.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
     mode = Mode(mean, parameters.prior_information, 0.0, np.zeros(len(mean)))
     posterior = parameters.posterior([mode])
     goodness = Goodness(noise, 1.0, 1.0, 1.0, 1.0, good=True, verdict="the body is known")
-    branch = HypothesisPosterior(known, 1.0, parameters, posterior, posterior)
-    return JointPosterior((branch,), goodness, noise, 0)
+    branch = Branch(known, 1.0, parameters, posterior, posterior)
+    return Answer((branch,), goodness, noise, 0)
 
 
 def check_belief(argument: str, belief: object, robot: Robot) -> None:
     """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of this fish."""
-    instance(argument, belief, JointPosterior)
-    assert isinstance(belief, JointPosterior)
+    instance(argument, belief, Answer)
+    assert isinstance(belief, Answer)
     try:
         check_posterior(belief)
     except ConfigurationError as error:
@@ -103,7 +99,7 @@ def check_belief(argument: str, belief: object, robot: Robot) -> None:
         )
 
 
-def noise_now(belief: JointPosterior, windows: LogWindows) -> tuple[float, int]:
+def noise_now(belief: Answer, windows: LogWindows) -> tuple[float, int]:
     """Return the sd of a log's noise, rad/s, and the number of samples that tell it; 0 if given.
 
     The noise is that of the posterior, unless the log itself is noisier: the trials of a posterior
@@ -129,7 +125,7 @@ def noise_now(belief: JointPosterior, windows: LogWindows) -> tuple[float, int]:
     return known, belief.samples
 
 
-def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
+def since(robot: Robot, prior: Answer | Morphology) -> Robot:
     """Return a robot that had a body until some of its fins changed, or none.
 
     The prior is the most probable hypothesis of a posterior. Each fin changed with a probability of
@@ -137,7 +133,7 @@ def since(robot: Robot, prior: JointPosterior | Morphology) -> Robot:
     tried only where no change of one explains the trials. There is no model discrepancy: the prior
     was fitted with this simulator.
     """
-    if not isinstance(prior, JointPosterior):
+    if not isinstance(prior, Answer):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
     check_belief("prior", prior, robot)
     best = prior.branches[0]

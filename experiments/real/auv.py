@@ -25,8 +25,8 @@ from scipy.stats import norm
 
 from aquafish_gym.runs.progress import track
 from eea import FitConfig, Hypothesis, Normal, Robot, Trial
-from eea.joint.problem import Values
-from eea.joint.reference import Reference
+from eea.infer.known import Reference
+from eea.infer.statement import Values
 from experiments.real.haizhe import CONDITIONS, RATE_HZ, Floats, Swim, read_swims, sessions
 from experiments.real.rotor_line import Rotor, Spectra, find_rotor, learn_spectrum, spectra
 
@@ -119,7 +119,8 @@ def _within(values: Floats, session: Labels) -> Floats:
 def learn(known: Floats, session: Labels) -> Reference:
     """Return what healthy swims tell, given ``NUMBERS`` (K, 3) and the session (K,) of each."""
     logs = [Trial(known[session == label]) for label in np.unique(session)]
-    return AUV.learn(logs, config=CONFIG)
+    reference: Reference = AUV.learn(logs, config=CONFIG)
+    return reference
 
 
 def evidence(reference: Reference, numbers: Floats) -> Floats:

@@ -27,10 +27,10 @@ import numpy as np
 
 from aquafish_gym.runs.progress import track
 from eea.core.config import FitConfig
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_change import would_not_show
-from eea.joint.observed import Trial
-from eea.statistics.random_effects import widening
+from eea.infer.answer import Answer
+from eea.infer.design import would_not_show
+from eea.infer.known import widening
+from eea.infer.trials import Trial
 from experiments.real.crazypad import MOTORS, SESSIONS, Floats, build, flights, session
 from experiments.real.hover import AXES, Hover, hover
 from experiments.real.quadrotor import Known, Spread, quadrotor
@@ -73,7 +73,7 @@ def infer(known: Known, hovers: Sequence[Hover], noise: Mapping[str, float]) -> 
     )
 
 
-def _hidden(found: JointPosterior, name: str) -> float:
+def _hidden(found: Answer, name: str) -> float:
     least = would_not_show(found.branches, name)
     return math.nan if least is None else least
 

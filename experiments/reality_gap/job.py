@@ -18,7 +18,7 @@ from eea.core.config import CONDITIONS, Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES
-from eea.joint.joint_posterior import JointPosterior
+from eea.infer.answer import Answer
 from eea.study.presets import smoke
 from experiments.reality_gap.worlds import WORLDS, gap_of, seized_of
 from gait import Controller
@@ -144,7 +144,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
             "trials": [record.trials for record in result.rounds],
             "seconds": seconds,
         }
-        if isinstance(result.belief, JointPosterior):
+        if isinstance(result.belief, Answer):
             bodies["sample"] = result.sample(job.settings.bodies, job.seed)
             outcome["belief"] = _judge(job, result.belief)
     config = replace(job.settings.gait, seed=job.seed, threads=1)
@@ -165,7 +165,7 @@ def _model(job: GapJob) -> tuple[Result, list[float]]:
     return method.result, seconds
 
 
-def _judge(job: GapJob, belief: JointPosterior) -> dict[str, Any]:
+def _judge(job: GapJob, belief: Answer) -> dict[str, Any]:
     """Return how belief and truth compare."""
     truth = job.body.to_array()
     covered = {}

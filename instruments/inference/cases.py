@@ -13,11 +13,11 @@ from eea.core.session import streams
 from eea.fish.hypotheses import AS_COMMANDED
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
-from eea.joint.descent import descend
-from eea.joint.hypothesis_posterior import HypothesisPosterior
-from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import FINE, Misfit
-from eea.joint.parameters import Parameters
+from eea.infer.answer import Answer
+from eea.infer.branch import Branch
+from eea.infer.descent import descend
+from eea.infer.misfit import FINE, Misfit
+from eea.infer.unknowns import Unknowns
 from instruments.inference.calibration import ranks
 from instruments.inference.robots import Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import EVERY, Setting
@@ -82,7 +82,7 @@ def examine(
         seconds = time.process_time() - began
         rounds.append({"fitness": record.objective_fitness, "seconds": seconds})
     belief = method.result.belief
-    assert isinstance(belief, JointPosterior)
+    assert isinstance(belief, Answer)
     ends = np.array([belief.interval(mass) for mass in MASSES])
     return {
         "rounds": rounds,
@@ -101,7 +101,7 @@ def examine(
     }
 
 
-def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
+def _all_unknowns(belief: Answer, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
     """Return what needs the whole truth, nuisances and angles included: where it has one."""
     plain = [b for b in belief.branches if b.hypothesis.name == AS_COMMANDED.name]
     if not plain or robot.setting.world not in INSIDE:
@@ -125,7 +125,7 @@ def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator
     }
 
 
-def truth_of(parameters: Parameters, robot: Robot) -> Floats:
+def truth_of(parameters: Unknowns, robot: Robot) -> Floats:
     """Return the truth as a vector (P,) of the unknowns."""
     model = parameters.robot
     values = dict(zip(model.parameters, robot.body, strict=True)) | robot.world
@@ -137,7 +137,7 @@ def truth_of(parameters: Parameters, robot: Robot) -> Floats:
     return inside
 
 
-def _excess(branch: HypothesisPosterior, sigma: float, robot: Robot, truth: Floats) -> float:
+def _excess(branch: Branch, sigma: float, robot: Robot, truth: Floats) -> float:
     """Return by how much what was found is worse, in -log posterior, than the truth's valley."""
     parameters, sigma = branch.parameters, max(sigma, LEAST_SIGMA)
     misfit = Misfit(parameters, robot.observed, FINE)

@@ -33,10 +33,11 @@ from eea import FitConfig
 from eea.core.session import streams
 from eea.fish.joint import DISCREPANCY_SCHEMA, fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
-from eea.joint.commands import fast_command
-from eea.joint.inference import fit
-from eea.statistics.goodness_of_fit import autocorrelation
-from eea.statistics.information import scaled
+from eea.fish.simulator_error import Discrepancy
+from eea.infer.fit import fit
+from eea.infer.goodness import autocorrelation
+from eea.infer.laplace import scaled
+from eea.infer.session import fast_command
 from instruments.inference.robots import SPANS, Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import Setting, World
 from instruments.verification.foreign_law import simulate_law
@@ -104,7 +105,7 @@ def miss(
     """
     seed, number, setting = job
     joint = fish_robot(EngineSimulator(setting.steps, threads=1))
-    assert joint.discrepancy is not None
+    assert isinstance(joint.discrepancy, Discrepancy)
     discrepancy = replace(
         joint.discrepancy, share=share, duration=seconds / TIMESTEP, calibration=None
     )

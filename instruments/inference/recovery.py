@@ -22,7 +22,7 @@ from eea import SwimLog, infer_log
 from eea.core.config import FitConfig
 from eea.fish.hypotheses import SERVO
 from eea.fish.windows import Start
-from eea.joint.joint_posterior import JointPosterior
+from eea.infer.answer import Answer
 from gait.controllers.agents import ControllerAgent
 from gait.swims.episode import transitions
 from instruments.inference.robots import SPANS, Floats
@@ -114,7 +114,7 @@ def _inferred(
     )
     seconds = time.process_time() - began
     belief = result.belief
-    assert isinstance(belief, JointPosterior)
+    assert isinstance(belief, Answer)
     best, table = belief.branches[0].hypothesis, belief.table()
     gains = [
         table[SERVO[fin]][0] if SERVO[fin] in table else best.fixed.get(SERVO[fin], 1.0)

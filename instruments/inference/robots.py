@@ -18,7 +18,7 @@ from eea.fish.gap import RealityGap
 from eea.fish.joint import CURRENT, DRAG, GYRO_BIAS, LAG, NUISANCES, SERVO_GAIN
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
-from eea.joint.observed import Observed
+from eea.infer.trials import Observed
 from instruments.inference.settings import Setting
 from instruments.verification.foreign_law import Defects, simulate_law
 from instruments.verification.mujoco_world import simulate_mujoco

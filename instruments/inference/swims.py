@@ -17,7 +17,7 @@ from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.windows import LAG_SAMPLES
-from eea.joint.joint_posterior import JointPosterior
+from eea.infer.answer import Answer
 from gait.controllers.controller import INTERVAL, Controller
 from gait.search.evolve import EvolveConfig, evolve_gait
 from instruments.inference.recovery import measure_recovery, summarise_recovery
@@ -79,7 +79,7 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     swim = SwimLog(swim.time[first:], swim.gyro[first:], swim.commands[first:])
     found = infer_log(swim, seed=number, truth=body, moving=True, threads=1)
     low, high = found.interval(0.9)
-    assert isinstance(found.belief, JointPosterior)
+    assert isinstance(found.belief, Answer)
     truth = body.to_array()
     return {
         "fitness": found.objective_fitness,
@@ -97,7 +97,7 @@ def _moved(commands: Floats) -> list[bool]:
 
 
 @lru_cache(maxsize=GAITS)
-def _known(number: int) -> tuple[Controller, JointPosterior]:
+def _known(number: int) -> tuple[Controller, Answer]:
     """Return a gait of the undamaged fish, and what it believes after three trials."""
     body, rng = Morphology.nominal(), np.random.default_rng([number, 1])
 
@@ -113,7 +113,7 @@ def _known(number: int) -> tuple[Controller, JointPosterior]:
             return RecordedLog(gyro=np.array(felt) + rng.normal(0.0, NOISE, (256, 3)))
 
     belief = estimate_morphology_of(Fish(), seed=number, threads=1).belief
-    assert isinstance(belief, JointPosterior)
+    assert isinstance(belief, Answer)
     config = EvolveConfig(seed=number, generations=30, population=60, threads=1, paper=True)
     return evolve_gait(body, config).controller, belief
 

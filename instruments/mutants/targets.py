@@ -60,10 +60,10 @@ GROUPS = {
         ),
     ),
     "inference": Group(
-        "eea/joint",
+        "eea/infer",
         (),
         (
-            "tests/eea/joint",
+            "tests/eea/infer",
             "tests/eea/test_watch_cli.py",
             "tests/eea/test_infer_cli.py",
             "tests/robustness/test_arguments.py",

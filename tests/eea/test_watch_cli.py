@@ -14,9 +14,9 @@ from eea import SwimLog, infer_log, load_posterior, read_log, save_posterior, wa
 from eea.__main__ import main
 from eea.core.config import FitConfig
 from eea.fish import known_body
-from eea.joint.joint_posterior import JointPosterior
-from tests.eea.joint.swing import infer as infer_swing
-from tests.eea.joint.test_swims import BODY, swim
+from eea.infer.answer import Answer
+from tests.eea.infer.swing import infer as infer_swing
+from tests.eea.infer.test_swims import BODY, swim
 
 STRUCK = 320  # samples
 
@@ -120,5 +120,5 @@ def test_a_posterior_of_another_robot_is_refused() -> None:
         infer_log(log, FitConfig(noise=0.01), prior=silent, moving=True)
 
 
-def load_nominal() -> JointPosterior:
+def load_nominal() -> Answer:
     return known_body(Morphology.nominal(), 0.01)

@@ -39,10 +39,10 @@ from eea.core.config import (
     InBandConfig,
     OutOfBandConfig,
 )
-from eea.joint.inference import fit
-from eea.joint.observed import Observed
-from eea.joint.problem import Discrepancy, Part, Prior
-from eea.statistics.conformal import Calibration
+from eea.fish.simulator_error import Calibration, Discrepancy
+from eea.infer.fit import fit
+from eea.infer.statement import Part, Prior
+from eea.infer.trials import Observed
 
 LENGTH = Variable("length", 2, 0.0, 3.0)
 LAYOUT = BitLayout([LENGTH])

@@ -144,7 +144,7 @@ def test_every_import_of_every_module_is_found(package):
 def test_jobs_depend_on_what_they_name_in_quotes_or_read():
     study = code_of("eea.study.replicate")
     assert "aquafish_gym.engines.bullet.world" in study  # named in WORLDS
-    assert "eea.joint.session" in study  # imported within a function
+    assert "eea.infer.session" in study  # imported within a function
     assert "eea.fish/discrepancy.json" in study
     assert "gait.search/neat.ini" in code_of("gait.search.evolve")
     league = code_of("experiments.league.episodes")

@@ -1,0 +1,462 @@
+"""Joint inference: from observed trials to a posterior over all unknowns."""
+
+from __future__ import annotations
+
+import numbers
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats
+from eea.core.checks import (
+    ConfigurationError,
+    callback,
+    choice,
+    finite,
+    instance,
+    mapping,
+    real,
+    whole,
+)
+from eea.core.config import FitConfig
+from eea.core.floating import own_errors
+from eea.core.session import MAXIMUM_SEED
+from eea.infer.answer import Answer, WarmStart
+from eea.infer.branch import Branch
+from eea.infer.goodness import LEAST_RELATIVE_RMS
+from eea.infer.laplace import log_prior_constant, mixture
+from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
+from eea.infer.mixture import Mixture
+from eea.infer.search import Optima, halved, improved, pose, search
+from eea.infer.statement import Hypothesis, RobotModel, Values
+from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
+from eea.infer.unknowns import FIXED_PRECISION, Unknowns
+
+ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
+HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
+SILENT_SECONDS = 4.0  # of a search, after which its progress is said again
+LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
+
+
+@own_errors
+def fit(
+    observed: Observed,
+    robot: RobotModel,
+    config: FitConfig,
+    rng: np.random.Generator,
+    earlier: Answer | None = None,
+    progress: Callable[[str], None] | None = None,
+    doubt: Callable[[Optima], bool] | None = None,
+    usual: Floats | None = None,
+) -> Answer:
+    """Return the posterior of parameters, nuisances, hidden angles and hypotheses, given trials.
+
+    Under a hypothesis h, with residuals r, the unknowns theta of all trials have the posterior ::
+
+        -log p(theta | trials, h) = sum of r^2 / (2 sigma^2) - log p(theta | h) + constant
+
+    Least squares finds its optima (:func:`~eea.infer.search.search`). A truncated normal
+    distribution stands for each (:func:`~eea.infer.laplace.mixture`), and their integral is the
+    evidence::
+
+        p(h | trials) = p(trials | h) / (sum over g of p(trials | g))
+
+    Parameters
+    ----------
+    observed
+        All trials.
+    robot, config
+        The robot and the settings.
+    rng
+        Draws the starting points.
+    earlier
+        The posterior after fewer of these trials, whose optima are starting points.
+    progress
+        Called with the name of each hypothesis before it is fitted, and every four seconds with the
+        number of trials that were simulated so far.
+    doubt
+        Called with the nominal fit if its residuals are more than noise. It returns whether the
+        other hypotheses are worth fitting. None: they are.
+    usual
+        The misfits of known-good logs (n,), by which it is judged whether a hypothesis explains the
+        trials; None judges by whether it leaves white noise.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``config`` names an unknown nuisance, or the signal is not finite or has another shape.
+    TargetError
+        If no simulation stays finite.
+    """
+    instance("observed", observed, Observed)
+    instance("robot", robot, RobotModel)
+    instance("config", config, FitConfig)
+    instance("rng", rng, np.random.Generator)
+    if earlier is not None:
+        instance("earlier", earlier, Answer)
+    callback("progress", progress)
+    callback("doubt", doubt)
+    if usual is not None and len(usual := finite("usual", usual, (None,))) < 2:
+        raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
+    check_nuisances(robot, config)
+    finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
+    counter = _Counter(robot, progress)
+    robot = replace(robot.varying(config.per_trial), simulate=counter)
+    start = (earlier and earlier.warm_start) or WarmStart()
+    groups = robot.groups if config.nuisances is None else config.nuisances
+
+    def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
+        parameters = Unknowns.of(robot, len(observed), groups, hypothesis)
+        regression = Regression(parameters, observed, config.noise, usual)
+        before = start.optima.get(hypothesis.name)
+        counter.begin(hypothesis.name)
+        once = not start.explained or robot.prior is not None  # a misfit means a change
+        return _optimize(regression, config, rng, before, plain, once)
+
+    # Fit the robot as it should be, then the other hypotheses that are plausible.
+    plain = optimize(robot.nominal)
+    explained = plain.goodness.good
+    alone = mixture(plain, plain)
+    others: list[tuple[Hypothesis, Optima]] = []
+    plausible = _plausible(robot, config, plain, alone, earlier)
+    if plausible and not explained and doubt is not None and not doubt(plain):
+        plausible = []
+    for changes in sorted({h.changes for h in plausible}):
+        others += [(h, optimize(h, plain)) for h in plausible if h.changes == changes]
+        if any(optima.goodness.good for _, optima in others):
+            break
+    lowest = min((o for _, o in others), key=_least, default=plain)
+    if _least(lowest) < _least(plain):  # Is the hypothesis better, or only its search?
+        plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
+        alone = mixture(plain, plain)
+
+    # Weigh them by their evidence.
+    fitted = [(robot.nominal, plain), *others]
+    best = min((optima for _, optima in fitted), key=lambda one: (one.sigma, _least(one)))
+    mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
+    constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
+    evidence = np.array([m.log_evidence + c for m, c in zip(mixtures, constants, strict=True)])
+    evidence += np.log([h.odds for h, _ in fitted])
+    shares = np.exp(evidence - evidence.max())
+    shares /= shares.sum()
+    doubted = mixtures
+    said: tuple[str, ...] = ()
+    if robot.discrepancy is not None:
+        modes, said = robot.discrepancy.doubts([o for _, o in fitted], best)
+        doubted = [replace(m, modes=own) for m, own in zip(mixtures, modes, strict=True)]
+    least = 0.0 if robot.whole else LEAST_PROBABILITY  # what if it is broken after all?
+    branches = tuple(
+        Branch(
+            fitted[i][0],
+            float(shares[i]),
+            fitted[i][1].regression.parameters,
+            mixtures[i],
+            doubted[i],
+        )
+        for i in np.argsort(-shares, kind="stable")
+        if shares[i] > least
+    )
+
+    # Keep the starting points for a fit of more trials.
+    optima = {**start.optima, **{h.name: o for h, o in fitted}}
+    hopeless = {
+        fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
+    }
+    dropped = (start.dropped | hopeless) - {robot.nominal.name}
+    return Answer(
+        branches,
+        optima[branches[0].hypothesis.name].goodness,
+        best.sigma,
+        0 if config.noise else observed.size,
+        WarmStart(optima, frozenset(dropped), explained, counter.robots),
+        observed.noise,
+        said,
+    )
+
+
+def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
+    """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
+    for name in config.nuisances or ():
+        choice("nuisances", name, robot.groups)
+    for name in config.per_trial:
+        choice("per_trial", name, robot.groups)
+
+
+def _least(optima: Optima) -> float:
+    """Return the sum of squared residuals of the best fit."""
+    return float(optima.fits.squares[0])
+
+
+class _Counter:
+    """A simulator that counts robots, and says every few seconds that the search goes on."""
+
+    def __init__(self, robot: RobotModel, progress: Callable[[str], None] | None) -> None:
+        self._robot = robot
+        self._progress = progress
+        self._said = time.monotonic()
+        self._doing = ""
+        self.robots = 0
+
+    def begin(self, hypothesis: str) -> None:
+        """Say what is fitted from now on."""
+        self._doing = hypothesis
+        self._say(hypothesis)
+
+    def _say(self, words: str) -> None:
+        self._said = time.monotonic()
+        if self._progress is not None:
+            self._progress(words)
+
+    def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
+        if time.monotonic() - self._said > SILENT_SECONDS:
+            self._say(f"{self._doing}, after {self.robots} simulated trials")
+        self.robots += len(next(iter(values.values())))
+        return self._robot.signal(values, inputs, fine)
+
+
+def _optimize(
+    regression: Regression,
+    config: FitConfig,
+    rng: np.random.Generator,
+    earlier: Optima | None,
+    plain: Optima | None,
+    once: bool,
+) -> Optima:
+    """Fit all trials under a hypothesis, also from ``earlier`` and from the nominal fit's optima.
+
+    ``once``: one scan without restarts, because no robot explained the earlier trials. Alternatives
+    get one scan, too. Later rounds halve their descents, because most alternatives are wrong.
+    """
+    parameters = regression.parameters
+    trials = len(regression.observed)
+    starts = None
+    if earlier is not None:
+        starts = carried_over(earlier, parameters)
+        posed, _ = pose(regression, starts, config.poses, rng)
+        for trial in range(len(earlier.regression.observed), trials):
+            entries = parameters.own_entries(trial)
+            starts[:, entries] = posed[:, entries]
+    if plain is None:
+        return search(regression, rng, config, starts, once)
+    as_commanded = carried_over(plain, parameters)
+    # Where no robot explains the trials, the searches of worse hypotheses are not completed.
+    rival = np.inf if plain.goodness.good else _least(plain)
+    if starts is None:
+        return search(regression, rng, config, as_commanded, rival=rival)
+    known = np.concatenate([starts, as_commanded])
+    return search(regression, rng, halved(config), known, rival=rival)
+
+
+def _plausible(
+    robot: RobotModel,
+    config: FitConfig,
+    plain: Optima,
+    alone: Mixture,
+    earlier: Answer | None,
+) -> list[Hypothesis]:
+    """Return the alternative hypotheses to fit, given the nominal fit and its posterior."""
+    if config.alternatives == "never":
+        return []
+    start = (earlier and earlier.warm_start) or WarmStart()
+    likely = [h for h in robot.alternatives if h.name not in start.dropped]
+    if config.alternatives == "always" or not plain.goodness.good:
+        return likely
+    # Probable hypotheses stay: a small fin explains the trials nearly as well as a missing one.
+    probable = {branch.hypothesis.name for branch in earlier.branches} if earlier else set()
+    place = list(robot.parameters).index
+    least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
+    absent = {
+        name
+        for name, part in robot.parts.items()
+        if any(least[place(dimension)] < ABSENT_SIZE_SHARE for dimension in part.area)
+    }
+    return [h for h in likely if h.name in probable or h.part in absent]
+
+
+def carried_over(earlier: Optima, parameters: Unknowns) -> Floats:
+    """Return optima of fewer trials or of another hypothesis as vectors (K, P).
+
+    Fixed parameters stay fixed. An angle common to all trials takes its value of the first trial;
+    angles of single trials take the common value.
+    """
+    theta: Floats = np.tile(parameters.prior_mean, (len(earlier.fits.theta), 1))
+    column = {name: i for i, name in enumerate(earlier.regression.parameters.names)}
+    for i, name in enumerate(parameters.names):
+        sources = (name, name.partition("@")[0], f"{name}@1")
+        source = next((column[source] for source in sources if source in column), None)
+        if source is not None and parameters.prior_precision[i] < FIXED_PRECISION:
+            theta[:, i] = earlier.fits.theta[:, source]
+    return theta
+
+
+#: Hypotheses are always weighed: "nothing is broken" is a finding with a probability.
+RECORDED_CONFIG = FitConfig(alternatives="always")
+MOST_NOISE_ROUNDS = 6
+
+
+@own_errors
+def infer(
+    robot: RobotModel,
+    trials: Sequence[Trial],
+    seed: int = 0,
+    config: FitConfig | None = None,
+    noise: Mapping[str, float] | Noise | None = None,
+    usual: Floats | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Answer:
+    """Return the posterior of a robot given recorded trials.
+
+    Parameters
+    ----------
+    robot, trials
+        The robot, and what was recorded of it.
+    seed
+        Of the starting points.
+    config
+        Settings of the fit; None weighs all hypotheses.
+    noise
+        The standard deviation of each channel's noise, by name, if it is known, or the ``noise``
+        of another posterior or of a reference. None estimates it,
+        and how neighbouring samples correlate, from what the best fit leaves: the trials are
+        fitted again until it stays the same.
+    usual, progress
+        See :func:`eea.infer.fit.fit`.
+
+    Raises
+    ------
+    ConfigurationError
+        If trials have other channels than the robot, or settings are wrong.
+    TargetError
+        If no simulation stays finite.
+    """
+    instance("robot", robot, RobotModel)
+    if robot.discrepancy is not None:
+        raise ConfigurationError(
+            "discrepancy must be None where the channels' noise is inferred: AR(1) noise is what a "
+            "simulator leaves; got one"
+        )
+    whole("seed", seed, 0, MAXIMUM_SEED)
+    config = RECORDED_CONFIG if config is None else config
+    instance("config", config, FitConfig)
+    if config.noise is not None:
+        raise ConfigurationError(
+            f"config must have noise=None: noise is given by channel; got {config.noise:g}"
+        )
+    observed = Observed.of(trials, robot)
+    _check_enough(robot.varying(config.per_trial), observed, config, noise is not None)
+    rng = np.random.default_rng(seed)
+    if noise is not None:
+        known = known_noise(noise, robot)
+        config = replace(config, noise=1.0)  # times the channels' own
+        return fit(
+            replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
+        )
+    guess = first_guess(robot, observed)
+    posterior: Answer | None = None
+    for _ in range(MOST_NOISE_ROUNDS):
+        seen = replace(observed, noise=guess)
+        posterior = fit(seen, robot, config, rng, posterior, progress)
+        start = posterior.warm_start
+        assert start is not None
+        # While the guess is too loud, a hypothesis that is right may be unlikely.
+        fits = [one for one in start.optima.values() if one.regression.observed is seen]
+        found = noise_left([min(fits, key=lambda one: one.sigma)])
+        posterior = replace(posterior, warm_start=replace(start, dropped=frozenset()))
+        if found.alike(guess):
+            break
+        guess = found
+    assert posterior is not None
+    return posterior
+
+
+def _check_enough(
+    robot: RobotModel, observed: Observed, config: FitConfig, known_noise: bool
+) -> None:
+    """Raise a ConfigurationError if trials are too short, or a change has nowhere to start.
+
+    Trials are too short where noise that is not known must be told from what the numbers explain.
+    """
+    groups = robot.groups if config.nuisances is None else config.nuisances
+    for hypothesis in (robot.nominal, *robot.alternatives):
+        of = Unknowns.of(robot, len(observed), groups, hypothesis)
+        if not known_noise and observed.size <= of.unknowns:
+            raise ConfigurationError(
+                f"trials must have more samples than the {of.unknowns} unknowns if "
+                f"{hypothesis.name}; got {observed.size}"
+            )
+        for name in hypothesis.moves:
+            if name not in robot.usual:
+                raise ConfigurationError(
+                    f"moves of {hypothesis.name!r} must be of numbers that are in whole, or that "
+                    f"learn() has found; {name} is neither"
+                )
+
+
+def noise_left(optima: Sequence[Optima]) -> Noise:
+    """Return the noise that the best fits of one or more logs leave, of each channel."""
+    left = []
+    there = []
+    loudest = []
+    for one in optima:
+        observed = replace(one.regression.observed, noise=None)
+        plain = Regression(one.regression.parameters, observed, None)
+        trials, samples, channels = observed.signal.shape
+        flat = plain.misfit(FINE).residuals(one.fits.theta[:1])[0]
+        left.append(flat.reshape(trials, channels, samples))
+        there.append(observed.there.swapaxes(1, 2))
+        loudest.append(np.abs(observed.signal).max(axis=(0, 1)))
+    least = LEAST_RELATIVE_SIGMA * np.maximum(np.max(loudest, axis=0), 1e-12)
+    return noise_of(left, there, sum(map(_determined, optima)), least)
+
+
+def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[str]:
+    """Return a sentence on each channel whose noise is only rounding beside its signal."""
+    loudest = np.abs(observed.signal).max(axis=(0, 1))
+    return [
+        f"the noise of {name}, {sd:.1g} {unit}, is only rounding: by it any noise in a log counts "
+        "as a change"
+        for (name, unit), sd, most in zip(robot.channels.items(), noise.sd, loudest, strict=True)
+        if sd < LEAST_RELATIVE_RMS * most
+    ]
+
+
+def _determined(optima: Optima) -> float:
+    """Return how many unknowns the data determine, rather than the prior."""
+    theta = optima.fits.theta[:1]
+    parameters = optima.regression.parameters
+    normal = optima.regression.misfit(FINE).linearise(theta).normal[0] / optima.sigma**2
+    both = normal + parameters.prior_information
+    return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
+
+
+def first_guess(robot: RobotModel, observed: Observed) -> Noise:
+    """Return noise as loud as each channel's signal about its mean, and white."""
+    channels = range(observed.signal.shape[2])
+    rows = [observed.signal[:, :, c][observed.there[:, :, c]] for c in channels]
+    for name, row in zip(robot.channels, rows, strict=True):
+        if not len(row):
+            raise ConfigurationError(
+                f"a channel of unknown noise must have a sample in some trial; {name} has none"
+            )
+    spread = [float(row.std()) or float(np.abs(row).max(initial=0.0)) or 1.0 for row in rows]
+    return Noise(np.array(spread), np.zeros(len(spread)))
+
+
+def known_noise(noise: Mapping[str, float] | Noise, robot: RobotModel) -> Noise:
+    """Return known noise, by the channels' names or as it was found, as it is reckoned with."""
+    if isinstance(noise, Noise):
+        each = (len(robot.channels),)
+        return Noise(*(finite(f"{n} of noise", getattr(noise, n), each) for n in noise._fields))
+    mapping("noise", noise, numbers.Real)
+    for name in noise:
+        choice("noise", name, robot.channels)
+    for name in robot.channels:
+        if name not in noise:
+            raise ConfigurationError(f"noise must be that of every channel; {name} has none")
+        real(f"noise of {name}", noise[name], 1.0 / LARGEST_NUMBER)
+    sd = np.array([float(noise[name]) for name in robot.channels])
+    return Noise(sd, np.zeros(len(sd)))

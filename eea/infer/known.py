@@ -1,0 +1,752 @@
+"""What logs that are known to be good tell of a robot, to judge later ones by.
+
+A robot that is whole is several robots: its numbers differ a little from log to log, and more from
+session to session, between which it is repaired (:mod:`eea.infer.known`).
+
+Change detection in a log: tests whether its windows still fit the posterior of the robot.
+
+Each window is fitted with the posterior as the prior, so that neither its unknown initial state nor
+the posterior's uncertainty counts as a change. For the same robot
+
+    2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square,
+
+with as many degrees of freedom as the window has samples, minus the hidden angles, which have no
+prior. The true number is slightly smaller, since initial states vary less than their priors. Where
+sigma was estimated from N samples, the statistic has an F distribution.
+
+Numbers that differ between groups and within them: where those of a new group lie.
+
+The numbers x of member i in group s are ::
+
+    x[s, i] = mean + between[s] + within[s, i]
+
+and a new member of a new group lies about the mean of the n groups with the variance
+(1 + 1/n) between + within. A new member of a group of m lies about the mean of that group with the
+variance (1 + 1/m) within. Few groups, or members, tell little of their spread: it is Student's t,
+for which a normal distribution of the same 90% interval stands.
+
+Follows a robot's numbers through a log, window by window, and tells when one has changed.
+
+What is known is a normal distribution of the shares of all common numbers. At first it has the mean
+and the spread of their ranges. A window's best fit, with that as its prior, and the information
+there are what is known next. The test of a window is ::
+
+    2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square
+
+if the numbers are as they were and the noise is white and as loud as stated. A window that fails
+the test is left out: something may have changed in its midst. If the next one fails, too, the
+robot's hypotheses are weighed by it.
+"""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence, Set
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtr, ndtri, stdtr, stdtrit
+from scipy.stats import chi2, f
+
+from eea.core.angles import Floats
+from eea.core.checks import (
+    ConfigurationError,
+    all_of,
+    brief,
+    choice,
+    finite,
+    instance,
+    mapping,
+    real,
+    whole,
+)
+from eea.core.config import FALSE_ALARM_RATE, FitConfig
+from eea.core.floating import own_errors
+from eea.core.session import MAXIMUM_SEED
+from eea.infer.answer import Answer
+from eea.infer.branch import LEAST_SD
+from eea.infer.descent import Fitted, descend
+from eea.infer.design import proper_prior, without_own
+from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
+from eea.infer.misfit import COARSE, FINE, Regression
+from eea.infer.search import Optima, hop, pose
+from eea.infer.statement import Prior, RobotModel
+from eea.infer.trials import Noise, Observed, Trial
+from eea.infer.unknowns import FIXED_PRECISION, UNIFORM_PRECISION, Unknowns
+
+NORMAL_95 = 1.6448536269514722
+
+
+def new_member(
+    values: Floats,
+    uncertain: Floats,
+    labels: Sequence[object],
+    group: object = None,
+    widened: bool = False,
+) -> tuple[Floats, Floats]:
+    """Return the mean (k,) and covariance (k, k) of a new member.
+
+    It is of the ``group`` of that label, if given; else of a new group, or of the only one.
+    ``values`` (n, k) are known up to the covariance ``uncertain`` (k, k), and members of a group
+    have the same label. ``widened`` by Student's t, as few groups, or members of one, tell little
+    of their spread.
+    """
+    members = len(values)
+    groups = [np.array([label == other for other in labels]) for label in dict.fromkeys(labels)]
+    count = len(groups)
+    means = np.array([values[of].mean(axis=0) for of in groups])
+    apart = values - sum(np.outer(of, mean) for of, mean in zip(groups, means, strict=True))
+    seen = apart.T @ apart / max(members - count, 1)
+    within = seen + uncertain
+    own = np.array([label == group for label in labels]) if group is not None else groups[0]
+    if group is None and count > 1:
+        mean = means.mean(axis=0)
+        each = np.mean([1.0 / of.sum() for of in groups])
+        between = np.cov(means, rowvar=False).reshape(within.shape) - each * seen
+        covariance = (1.0 + 1.0 / count) * _positive(between) + within
+        freedom = count - 1
+    else:
+        mean = values[own].mean(axis=0)
+        covariance = (1.0 + 1.0 / own.sum()) * within
+        freedom = members - count
+    if widened:
+        covariance = covariance * widening(freedom) ** 2
+    return mean, covariance
+
+
+def widening(freedom: float) -> float:
+    """Return the sd of a normal whose 90% interval is that of Student's t, over the t's scale."""
+    return float(stdtrit(freedom, 0.95)) / NORMAL_95
+
+
+def _positive(matrix: Floats) -> Floats:
+    """Return the nearest matrix without negative eigenvalues."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    found: Floats = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return found
+
+
+FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
+LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # 0 would never raise an alarm
+START_COUNTS = (64, 512, 4096)  # random starts, tried until one explains the window
+EXAMINED_P_VALUE = 1e-2  # windows with greater p-values are not examined further
+POSE_SCANS = 6  # scans that share the random starts
+LOUD_FACTOR = 10.0  # of the noise in the last search
+
+
+class WindowTest(NamedTuple):
+    """The test of one window."""
+
+    p: float  #: The p-value of the fit, if the robot is the same.
+    same: bool  #: Whether it is at least the probability of a false alarm.
+    excess: float  #: The cost relative to its mean for the same robot.
+
+
+def check_alarm(alarm: float) -> None:
+    """Raise a ConfigurationError unless ``alarm`` can be a probability of false alarms."""
+    real("alarm", alarm, LEAST_FALSE_ALARM_PROBABILITY, 1.0)
+
+
+class ChangeDetector:
+    """Tests windows of a swim against a posterior, each by itself.
+
+    Parameters
+    ----------
+    robot
+        The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
+        take their posterior from ``belief``, by name.
+    belief
+        The posterior. Its most probable hypothesis is used.
+    alarm
+        Probability of a false alarm in each window.
+    seed
+        Seed of the starting points.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        belief: Answer,
+        alarm: float = FALSE_ALARM_PROBABILITY,
+        seed: int = 0,
+    ) -> None:
+        check_alarm(alarm)
+        whole("seed", seed, 0)
+        self.alarm = alarm
+        self._rng = np.random.default_rng(seed)
+        self._sigma = belief.sigma
+        self._samples = belief.samples
+        best = belief.branches[0]
+        groups = {n.group for n in robot.nuisance_list if n.name in best.parameters.names}
+        known = replace(robot, prior=best.prior())
+        self._one = Unknowns.of(known, 1, groups, best.hypothesis)
+
+    @own_errors
+    def look(
+        self, inputs: NDArray[Any], signal: Floats, weight: Floats | None = None
+    ) -> WindowTest:
+        """Test one window with inputs (1, ...) and a finite signal (T, axes).
+
+        ``weight`` (T,) holds the weights of its samples; see :class:`eea.infer.trials.Observed`.
+        """
+        signal = finite("signal", signal, (None, len(self._one.robot.channels)))
+        observed = Observed(inputs, signal[None], None if weight is None else weight[None])
+        angles = len(self._one.angle_entries(0))
+        freedom = observed.size - angles
+        window = Regression(self._one, observed, self._sigma)
+        best: Fitted | None = None
+        for effort in START_COUNTS:
+            found = fit_near_prior(window, self._sigma, effort, self._rng)
+            best = found if best is None or found.cost[0] < best.cost[0] else best
+            test = self._tested(float(best.cost[0]), freedom)
+            if test.p >= max(EXAMINED_P_VALUE, self.alarm):
+                return test
+        if test.same or best is None:
+            return test
+        return self._tested(self._cost_elsewhere(window, best), freedom)
+
+    def _tested(self, cost: float, freedom: int) -> WindowTest:
+        """Return the test of a window whose best fit has a cost."""
+        ratio = 2.0 * cost / freedom
+        if self._samples:
+            p = float(f.sf(ratio, freedom, self._samples))
+        else:
+            p = float(chi2.sf(ratio * freedom, freedom))
+        return WindowTest(p, p >= self.alarm, ratio)
+
+    def _cost_elsewhere(self, window: Regression, best: Fitted) -> float:
+        """Return the least cost also from other valleys of the initial state.
+
+        The less noise, the more starts end in a wrong valley, whose misfit would count as a change.
+        Louder noise leads to others.
+        """
+        (rng,) = self._rng.spawn(1)  # which leaves later windows their starts
+        loud = LOUD_FACTOR * self._sigma
+        smooth = fit_near_prior(replace(window, noise=loud), loud, START_COUNTS[1], rng)
+        fine = window.misfit(FINE)
+        starts = [hop(window, best.theta[0], self._sigma, rng), smooth.theta]
+        elsewhere = descend(fine, np.concatenate(starts), self._sigma, 40, 1e-6)
+        return float(min(best.cost[0], elsewhere.cost.min()))
+
+
+def fit_near_prior(
+    window: Regression, sigma: float, effort: int, rng: np.random.Generator
+) -> Fitted:
+    """Return the best fit of a trial from the prior's mean and ``effort`` random initial states.
+
+    ``sigma`` is the standard deviation of the noise, of each channel's own where it is known.
+    """
+    one = window.parameters
+    typical = one.into_bounds(one.prior_mean[None])
+    each = -(-effort // POSE_SCANS)
+    starts = [pose(window, typical, each, rng)[0] for _ in range(POSE_SCANS)]
+    coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
+    near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]
+    fits = descend(window.misfit(FINE), near, sigma, 10, 1e-3)
+    return fits.of([int(fits.cost.argmin())])
+
+
+FLAT_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the range
+
+
+def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection[str]) -> list[str]:
+    """Return a sentence on each number in ``whole`` that known-good logs do not have.
+
+    The best fit of each log descends on with the numbers in ``whole`` free. Their shifts, averaged
+    over the logs, are tested for being zero at the rate of false alarms for all numbers together
+    (Bonferroni): by a normal distribution with the fits' own variances, or by Student's t where the
+    logs differ by more.
+
+    Parameters
+    ----------
+    robot
+        The robot, with what was learned as its prior, without hypotheses.
+    fits
+        The best fits of the logs, one by one.
+    groups
+        The nuisances that were inferred.
+    """
+    if not robot.whole:
+        return []
+    places = [list(robot.parameters).index(name) for name in robot.whole]
+    free = replace(robot, whole={})
+    parameters = Unknowns.of(free, 1, groups, free.nominal)
+    flat = np.zeros(len(parameters))
+    flat[places] = FLAT_PRECISION
+    found = []
+    variances = []
+    for fit in fits:
+        regression = replace(fit.regression, parameters=parameters)
+        misfit = regression.misfit(FINE)
+        start = carried_over(fit, parameters)[:1]
+        theta = descend(misfit, start, fit.sigma, 40, 1e-6).theta
+        linear = misfit.linearise(theta)
+        information = linear.normal[0] / fit.sigma**2 + parameters.prior_information
+        covariance = np.linalg.pinv(information + np.diag(flat), hermitian=True)
+        # Not held by a bound, at which numbers in ``whole`` often are.
+        away = parameters.prior_information @ (theta[0] - parameters.prior_mean)
+        gradient = linear.gradient[0] / fit.sigma**2 + away
+        found.append((theta[0] - covariance @ gradient)[places])
+        variances.append(np.diag(covariance)[places])
+    said = []
+    for k, (name, stated) in enumerate(robot.whole.items()):
+        low, high = robot.parameters[name]
+        shares = np.array([one[k] for one in found])
+        weights = 1.0 / np.array([one[k] for one in variances])
+        mean = float(weights @ shares / weights.sum())
+        scatter = float(shares.var(ddof=1)) / len(shares)
+        own = 1.0 / float(weights.sum())
+        sd = max(own, scatter) ** 0.5
+        off = abs(mean - (stated - low) / (high - low)) / sd
+        p = 2.0 * float(ndtr(-off) if own >= scatter else stdtr(len(shares) - 1, -off))
+        if p * len(robot.whole) < FALSE_ALARM_RATE:
+            value = low + (high - low) * mean
+            reach = (high - low) * NORMAL_95 * sd
+            said.append(
+                f"the known-good logs contradict whole: {name} is "
+                f"{robot.with_unit(name, value)} in them, {value - reach:.3g} to "
+                f"{value + reach:.3g}, and not {stated:g}"
+            )
+    return said
+
+
+LEARNING_CONFIG = FitConfig(
+    alternatives="never", bodies=32, poses=32, descents=8, polished=2, restarts=0
+)
+ROUNDS = 6  # of fits to all logs, each with the noise and the spread of the one before
+
+
+class Look(NamedTuple):
+    """How well a log fits the robot as it was."""
+
+    p: float  #: The chance that a known-good log fits as badly, or has numbers as far away.
+    same: bool  #: Whether it is at least the rate of false alarms.
+    misfit: float  #: The mean square of what the best fit leaves, over the noise's.
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A robot as its known-good logs showed it; made by :meth:`Robot.learn`."""
+
+    robot: RobotModel  #: With what was learned as its prior.
+    noise: Noise  #: Of each channel.
+    misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
+    #: Sentences on numbers in ``whole`` that the known-good logs contradict, and on channels
+    #: without noise.
+    findings: tuple[str, ...] = ()
+
+    def infer(
+        self,
+        trials: Sequence[Trial],
+        seed: int = 0,
+        config: FitConfig | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> Answer:
+        """Return what has changed since; see :func:`eea.infer.fit.infer`.
+
+        A log counts as explained if known-good logs are explained as badly. The reference's own
+        findings are the last of the answer.
+        """
+        found = infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
+        return replace(found, caveats=self.findings)
+
+    @own_errors
+    def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
+        """Return whether the robot as it was explains a log, at a rate of false alarms."""
+        real("alarm", alarm, 0.0, 1.0)
+        whole = replace(self.robot, hypotheses=())
+        fitted = infer(whole, [log], seed, LEARNING_CONFIG, self.noise, self.misfits)
+        p = fitted.goodness.p
+        return Look(p, p >= alarm, _misfit(fitted.best_fit))
+
+
+@own_errors
+def learn(
+    robot: RobotModel,
+    known_good: Sequence[Trial],
+    sessions: Sequence[object] | None = None,
+    seed: int = 0,
+    config: FitConfig | None = None,
+    ongoing: object = None,
+) -> Reference:
+    """Return what known-good logs tell: the robot as it was, its spread, and its noise.
+
+    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Numbers in
+    ``whole`` are taken as they are stated; the ``findings`` say where the logs contradict them.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    known_good
+        Two logs or more, each a trial.
+    sessions
+        A label for each log; logs of one session have the same. None: all are of one session, and
+        so is every later log.
+    seed, config
+        Of the fits.
+    ongoing
+        The label of the session that later logs are of, so that they are judged by the robot as it
+        was in that session, and only the spread within is learned from the others. None: later logs
+        are of a new session.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are fewer than two logs, too few samples, not as many labels as logs, or no session
+        has the label ``ongoing`` or two logs from which the spread within a session can be told.
+    """
+    instance("robot", robot, RobotModel)
+    if len(all_of("known_good", known_good, Trial)) < 2:
+        raise ConfigurationError(f"known_good must be two logs or more; got {len(known_good)}")
+    labels = _labels(sessions, len(known_good))
+    if ongoing is not None and (
+        sessions is None or not isinstance(ongoing, Hashable) or ongoing not in labels
+    ):
+        raise ConfigurationError(
+            f"ongoing must be one of the labels in sessions; got {brief(ongoing)}"
+        )
+    if ongoing is not None and len(set(labels)) == len(labels):
+        raise ConfigurationError(
+            "ongoing needs a session of two logs or more, which tell the spread within a session"
+        )
+    config = LEARNING_CONFIG if config is None else config
+    instance("config", config, FitConfig)
+    effort = replace(config, alternatives="never")
+    robot = replace(robot, nuisances=robot.nuisance_list)  # whose ranges the hypotheses widen
+    whole = replace(robot, hypotheses=())
+    observed = Observed.of(known_good, robot)
+    groups = robot.groups if config.nuisances is None else config.nuisances
+    unknowns = Unknowns.of(whole, 1, groups, whole.nominal).unknowns
+    if observed.size <= len(known_good) * unknowns:
+        raise ConfigurationError(
+            f"known_good must have more samples than the {unknowns} unknowns of each of "
+            f"{len(known_good)} logs, or the noise cannot be told; got {observed.size}"
+        )
+    noise = first_guess(robot, observed)
+    for _ in range(ROUNDS):
+        fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+        noise = noise_left([one.optima for one in fits])
+        whole = replace(whole, prior=_spread(fits, labels))
+    later = _spread(fits, labels, ongoing, widened=True)
+    whole = replace(whole, prior=_spread(fits, labels, widened=True))
+    fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+    misfits = np.array([_misfit(one.optima) for one in fits])
+    said = contradictions(whole, [one.optima for one in fits], groups)
+    said += only_rounding(noise, observed, robot)
+    return Reference(replace(robot, prior=later), noise, misfits, tuple(said))
+
+
+def _labels(sessions: Sequence[object] | None, count: int) -> list[object]:
+    """Return the sessions' labels, which can be told from one another and are not missing."""
+    if sessions is None:
+        return [0] * count
+    labels = []
+    with suppress(TypeError, ValueError):  # of no series, or of labels that cannot be compared
+        for label in () if isinstance(sessions, Mapping | Set) else sessions:
+            hash(label)
+            if label is not None and label == label:  # NaN is a missing one
+                labels.append(label)
+    if len(labels) != count:
+        raise ConfigurationError(
+            f"sessions must be one label for each of {count} logs, such as a number or a text; "
+            f"got {brief(sessions)}"
+        )
+    return labels
+
+
+class LogFit(NamedTuple):
+    """The best fit of a log, and its numbers with their covariance, as shares of ranges."""
+
+    optima: Optima
+    names: tuple[str, ...]
+    theta: Floats  #: (k,)
+    covariance: Floats  #: (k, k)
+
+
+def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed: int) -> LogFit:
+    posterior = infer(robot, [log], seed, config, noise)
+    optima = posterior.best_fit
+    branch = posterior.branches[0]
+    parameters = branch.parameters
+    mode = branch.posterior.modes[0]
+    bases = [name.partition("@")[0] for name in parameters.names]
+    starts = {n.name for n in robot.nuisance_list if n.start}
+    entries = [
+        i
+        for i, base in enumerate(bases)
+        if not parameters.circular[i]
+        and parameters.prior_precision[i] < FIXED_PRECISION
+        and base not in starts
+    ]
+    least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)
+    covariance = mode.covariance(least)[np.ix_(entries, entries)]
+    names = tuple(bases[i] for i in entries)
+    return LogFit(optima, names, mode.theta[entries], covariance)
+
+
+def _spread(
+    fits: Sequence[LogFit],
+    labels: Sequence[object],
+    ongoing: object = None,
+    widened: bool = False,
+) -> Prior:
+    """Return the distribution of a new log's numbers, of a new session if there are several.
+
+    Or of the session with the label ``ongoing``.
+    """
+    theta = np.array([one.theta for one in fits])
+    uncertain = np.mean([one.covariance for one in fits], axis=0)
+    mean, covariance = new_member(theta, uncertain, labels, ongoing, widened)
+    return Prior(fits[0].names, mean, covariance + LEAST_SD**2 * np.eye(len(covariance)))
+
+
+def _misfit(optima: Optima) -> float:
+    """Return the mean square of what the best fit leaves, over the noise's."""
+    return float(optima.fits.squares[0]) / optima.regression.observed.size
+
+
+ANGLE_STARTS = 64  # random initial states of a window, where there are hidden angles
+ALARM_FINDING = "something has changed; the next window tells what"
+NAMING_CONFIG = FitConfig(
+    alternatives="always", bodies=16, poses=16, descents=4, polished=2, restarts=0
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What is known after a window, and how well the window agreed with what was known before."""
+
+    #: The median of each number and the ends of its 90% interval, by name, in natural units.
+    table: Mapping[str, tuple[float, float, float]]
+    #: Observed minus predicted by the numbers as they were known before (T, channels), in
+    #: multiples of each channel's noise; NaN where a sample is missing. The window's own initial
+    #: state is fitted. None of the first window, before which nothing was known.
+    innovation: Floats | None
+    p: float  #: The chance that a window agrees as badly, if the numbers are as they were.
+    alarm: bool  #: Whether that is below the rate of false alarms.
+    #: What has changed, most probable first, if ``alarm``: see ``Answer.findings``.
+    findings: tuple[str, ...] = ()
+    #: Whether the window is explained, by the numbers as they were or by a hypothesis.
+    explained: bool = True
+
+    @property
+    def innovation_rms(self) -> float:
+        """The root mean square of the innovation: about 1 if the numbers are as they were."""
+        if self.innovation is None:
+            return float("nan")
+        return float(np.sqrt(np.nanmean(self.innovation**2)))
+
+
+class Follower:
+    """Follows a robot's numbers from window to window of a log.
+
+    A window is a :class:`~eea.infer.trials.Trial` of its own: its initial state is hidden angles
+    or nuisances with ``start``. After an alarm the next window tells what has changed, of what the
+    robot's hypotheses say; if none explains it, the one after that.
+
+    Parameters
+    ----------
+    robot
+        The robot. Its ``whole`` is empty: the log tells the numbers.
+    noise
+        The standard deviation of each channel's noise, by name, or the ``noise`` of a posterior.
+    alarm
+        The rate of false alarms, in each window.
+    drift
+        By how much a number may wander from window to window: its standard deviation, by name, in
+        its unit. Without it the intervals shrink forever, and a slow change raises the alarm.
+    seed
+        Of random starting points.
+
+    Raises
+    ------
+    ConfigurationError
+        If the noise is not that of every channel, or a name is unknown.
+
+    Examples
+    --------
+    A spring is pulled by a known force; its stiffness is followed:
+
+    >>> from eea.infer.robot import Robot
+    >>> spring = Robot(
+    ...     parameters={"stiffness": (1.0, 50.0)},
+    ...     simulate=lambda values, force: (force / values["stiffness"][:, None])[:, :, None],
+    ...     channels={"length": "m"},
+    ... )
+    >>> follower = spring.follow(noise={"length": 0.01})
+    >>> force = np.linspace(1.0, 5.0, 40)
+    >>> rng = np.random.default_rng(0)
+    >>> for _ in range(3):
+    ...     length = force / 20.0 + rng.normal(0.0, 0.01, 40)
+    ...     followed = follower.update(Trial(length[:, None], force))
+    >>> followed.alarm, [round(x, 1) for x in followed.table["stiffness"]]
+    (False, [19.9, 19.7, 20.1])
+    """
+
+    @own_errors
+    def __init__(
+        self,
+        robot: RobotModel,
+        noise: Mapping[str, float] | Noise,
+        alarm: float = FALSE_ALARM_RATE,
+        drift: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> None:
+        instance("robot", robot, RobotModel)
+        check_alarm(alarm)
+        whole("seed", seed, 0, MAXIMUM_SEED)
+        if robot.whole:
+            raise ConfigurationError(
+                f"whole must be empty where numbers are followed, for the log tells them; got "
+                f"{brief(dict(robot.whole))}"
+            )
+        self._robot = robot
+        self._noise = known_noise(noise, robot)
+        self._alarm = alarm
+        self._rng = np.random.default_rng(seed)
+        self._seed = seed
+        self._known: Prior | None = None
+        self._doubted = False  # whether the window before raised an alarm
+        plain = Unknowns.of(replace(robot, hypotheses=(), prior=None), 1, robot.groups)
+        self._names = [plain.names[i] for i in plain.common_entries()]
+        drift = {} if drift is None else drift
+        mapping("drift", drift, numbers.Real)
+        for name, sd in drift.items():
+            choice("drift", name, self._names)
+            real(f"drift of {name}", sd, 0.0)
+        steps = [drift.get(name, 0.0) for name in self._names]
+        spans = [high - low for low, high in (robot.ranges[name] for name in self._names)]
+        self._wander = np.diag((np.array(steps) / np.array(spans)) ** 2)
+
+    @own_errors
+    def update(self, window: Trial) -> Followed:
+        """Return what is known after one more window of the log.
+
+        Raises
+        ------
+        ConfigurationError
+            If the window has other channels than the robot.
+        TargetError
+            If no simulation stays finite.
+        """
+        instance("window", window, Trial)
+        if self._known is None:
+            return self._first(window)
+        known = self._known
+        known = replace(known, covariance=known.covariance + self._wander)
+        regression = self._regression(window, known)
+        parameters = regression.parameters
+        if self._robot.hidden:
+            best = fit_near_prior(regression, 1.0, ANGLE_STARTS, self._rng)
+        else:
+            typical = parameters.into_bounds(parameters.prior_mean[None])
+            best = descend(regression.misfit(FINE), typical, 1.0, 20, 1e-4)
+        angles = int((parameters.prior_precision == 0.0).sum())
+        freedom = max(regression.observed.size - angles, 1)
+        p = float(chdtrc(freedom, 2.0 * float(best.cost[0])))
+        innovation = self._innovation(regression, best.theta[0])
+        if p >= self._alarm:
+            self._doubted = False
+            self._known = self._after(regression, best.theta[0], known)
+            return Followed(self.table(), innovation, p, alarm=False)
+        self._known = known
+        rounding = only_rounding(self._noise, regression.observed, self._robot)
+        if not self._doubted:
+            self._doubted = True
+            said = (ALARM_FINDING, *rounding)
+            return Followed(self.table(), innovation, p, True, said, explained=False)
+        changed = replace(self._robot, prior=known)
+        found = infer(changed, [window], self._seed, NAMING_CONFIG, self._noise)
+        if found.good:
+            self._doubted = False
+            optima: Optima = found.best_fit
+            self._known = self._after(optima.regression, optima.fits.theta[0], known)
+        said = (*found.findings, *rounding)
+        return Followed(self.table(), innovation, p, True, said, found.good)
+
+    @own_errors
+    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of each number now, by name, in natural units.
+
+        Before the first window they are those of the ranges.
+        """
+        real("mass", mass, 0.0, 1.0)
+        known = self._known if self._known is not None else self._ignorance()
+        reach = float(ndtri(0.5 + 0.5 * mass)) * np.sqrt(np.diag(known.covariance))
+        found = {}
+        for name, middle, sd in zip(known.names, known.mean, reach, strict=True):
+            low, high = self._robot.ranges[name]
+            shares = np.clip([middle, middle - sd, middle + sd], 0.0, 1.0)
+            median, least, most = (low + (high - low) * shares).tolist()
+            found[name] = (median, least, most)
+        return found
+
+    def _ignorance(self) -> Prior:
+        """Return what is known before the first window: the ranges, and nuisances' own priors."""
+        plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._robot.groups)
+        entries = self._entries(plain)
+        precision = proper_prior(plain)[np.ix_(entries, entries)]
+        covariance = np.asarray(np.linalg.inv(precision), np.float64)
+        return Prior(tuple(self._names), plain.prior_mean[entries], covariance)
+
+    def _first(self, window: Trial) -> Followed:
+        """Return what is known after the first window, which is searched as any trial is.
+
+        One that nothing explains is left out, and the next one is the first.
+        """
+        plain = replace(self._robot, hypotheses=())
+        found = infer(plain, [window], self._seed, noise=self._noise)
+        p = found.goodness.p
+        alarm = p < self._alarm
+        if not alarm:
+            optima = found.best_fit
+            before = self._ignorance()
+            self._known = self._after(optima.regression, optima.fits.theta[0], before)
+        rounding = only_rounding(self._noise, found.best_fit.regression.observed, self._robot)
+        said = (*found.findings, *(rounding if alarm else ()))
+        return Followed(self.table(), None, p, alarm, said, not alarm)
+
+    def _regression(self, window: Trial, known: Prior) -> Regression:
+        robot = replace(self._robot, hypotheses=(), prior=known)
+        parameters = Unknowns.of(robot, 1, robot.groups)
+        observed = replace(Observed.of([window], robot), noise=self._noise)
+        return Regression(parameters, observed, 1.0)
+
+    def _entries(self, parameters: Unknowns) -> NDArray[np.intp]:
+        """Return which entries are the numbers that are followed."""
+        return np.array([parameters.names.index(name) for name in self._names], dtype=np.intp)
+
+    def _innovation(self, regression: Regression, theta: Floats) -> Floats:
+        """Return what the numbers known before leave, if the window's own numbers are fitted."""
+        parameters = regression.parameters
+        common = self._entries(parameters)
+        start = theta.copy()
+        start[common] = parameters.prior_mean[common]
+        misfit = regression.misfit(FINE, only_of=0)
+        if misfit.movable.any():
+            start = descend(misfit, start[None], 1.0, 10, 1e-3).theta[0]
+        left = -misfit.residuals(start[None])[0, 0].astype(np.float64)
+        channels = regression.observed.signal.shape[2]
+        shaped = left.reshape(channels, -1).T
+        return np.where(regression.observed.there[0], shaped, np.nan)
+
+    def _after(self, regression: Regression, theta: Floats, known: Prior) -> Prior:
+        """Return what is known after a window, of its best fit; ``known`` is what was before.
+
+        Numbers that nothing tells stay in the middle of what they may be, not where the search for
+        a best fit left them.
+        """
+        parameters = regression.parameters
+        normal = regression.misfit(FINE).linearise(theta[None]).normal[0]
+        common = self._entries(parameters)
+        told = without_own(normal, proper_prior(parameters), common)
+        stated = parameters.prior_information[np.ix_(common, common)]
+        flat = np.diag(np.where(np.diag(stated) > 0.0, 0.0, UNIFORM_PRECISION))
+        covariance = np.linalg.inv(told + stated + flat)
+        mean = theta[common] - covariance @ flat @ (theta[common] - known.mean)
+        covariance = 0.5 * (covariance + covariance.T) + LEAST_SD**2 * np.eye(len(common))
+        return Prior(tuple(self._names), mean, covariance)

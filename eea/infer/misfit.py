@@ -1,0 +1,208 @@
+"""The misfit of trials at vectors theta of all unknowns, and its derivatives.
+
+Derivatives are forward differences. A trial's own angles affect no other trial, so a trial needs
+a column for each of its slots, not for each parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats
+from eea.infer.trials import Observed
+from eea.infer.unknowns import FIXED_SLOT, Unknowns
+
+LOOK_AHEAD = 0.1  # h above, as a share of the step
+MOST_ROBOTS = 2**15  # in a batch, to limit memory
+LEAST_RELATIVE_SIGMA = 3e-7  # share of the signal's rms; smaller residuals are rounding errors
+
+
+class Precision(NamedTuple):
+    """The precision of one stage of the search."""
+
+    fine: bool  #: Double precision.
+    stride: int  #: Every ``stride``-th sample is compared.
+    difference: float  #: Step of the forward differences, as a share of a range or in rad.
+
+
+COARSE = Precision(fine=False, stride=2, difference=2e-3)
+FINE = Precision(fine=True, stride=1, difference=1e-6)
+
+
+class Linear(NamedTuple):
+    """The linearisation at S vectors."""
+
+    gradient: Floats  #: Gradient of half the sum of squared residuals, (S, P).
+    normal: Floats  #: Gauss and Newton's matrix J^T J, (S, P, P).
+    residuals: Floats  #: (S, E, M).
+    slopes: Floats  #: Derivatives of the residuals by the free slots, (S, E, F, M).
+
+
+class Misfit:
+    """The differences between simulated and observed trials, at one precision."""
+
+    def __init__(
+        self,
+        parameters: Unknowns,
+        observed: Observed,
+        precision: Precision,
+        only_of: int | None = None,
+    ) -> None:
+        self.parameters = parameters
+        self.precision = precision
+        self._observed = observed
+        sampled = observed.signal[:, :: precision.stride]
+        # (E, M): one axis after the other, as simulators lay it out.
+        self._wanted = sampled.swapaxes(1, 2).reshape(len(observed), -1)
+        self._whitening = observed.whitening(precision.stride)
+        self._trials = np.arange(len(observed))
+        #: Which entries (P,) a descent may change.
+        self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
+        if only_of is not None:
+            self._trials = self._trials[only_of : only_of + 1]
+            self.movable = np.isin(np.arange(len(parameters)), parameters.own_entries(only_of))
+        entries = parameters.slots[self._trials]
+        #: The slots (F,) that a descent may change.
+        self.free: NDArray[np.intp] = np.flatnonzero(
+            ((entries != FIXED_SLOT) & self.movable[entries]).any(axis=0)
+        )
+        self._entries = entries[:, self.free]
+        #: For each trial which of these (F,) are unknown, and the entries of theta that they are.
+        self.columns = [(one != FIXED_SLOT, one[one != FIXED_SLOT]) for one in self._entries]
+
+    @property
+    def count(self) -> int:
+        """Number of compared samples in all trials and axes."""
+        return self._observed.sampled(self._trials.tolist(), self.precision.stride)
+
+    def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
+        """Return simulated minus observed (S, E, C, M) for slots (S, E, C, W) of ``trials``.
+
+        Where samples differ in noise, the differences are those of independent ones of variance 1.
+        """
+        robots = local.reshape(-1, local.shape[-1])
+        which = np.broadcast_to(trials[:, None], local.shape[:-1]).reshape(-1)
+        parts = []
+        for first in range(0, len(robots), MOST_ROBOTS):
+            rows = slice(first, first + MOST_ROBOTS)
+            values = self.parameters.values(robots[rows])
+            signal = self._observed.simulate(
+                self.parameters.robot, values, which[rows], self.precision.fine
+            )
+            kept = signal[:, :: self.precision.stride].swapaxes(1, 2)
+            parts.append(kept.reshape(len(kept), -1))
+        simulated = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        wanted = self._wanted[trials, None].astype(np.result_type(simulated, np.float32))
+        apart: NDArray[np.floating] = simulated.reshape(*local.shape[:-1], -1) - wanted
+        return apart if self._whitening is None else self._whitening(apart, trials)
+
+    def residuals(self, theta: Floats) -> NDArray[np.floating]:
+        """Return simulated minus observed (S, E, M) for vectors (S, P)."""
+        local = self.parameters.local(theta)[:, self._trials]
+        return self.differences(local[:, :, None], self._trials)[:, :, 0]
+
+    def squares(self, theta: Floats) -> Floats:
+        """Return the sum of squared residuals (S,), infinite where a robot diverged."""
+        residuals = self.residuals(theta)
+        sums = np.einsum("sem,sem->s", residuals, residuals).astype(np.float64)
+        return np.where(np.isfinite(sums), sums, np.inf)
+
+    def linearise(self, theta: Floats) -> Linear:
+        """Return the misfit near vectors (S, P), by forward differences.
+
+        They are backward where only the robot ahead diverged. The derivatives of a robot that
+        diverged itself are zero.
+        """
+        parameters = self.parameters
+        free = self.free
+        local = parameters.local(theta)[:, self._trials]
+        high = np.where(self._entries == FIXED_SLOT, np.inf, parameters.high[self._entries])
+        step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
+        step *= self.precision.difference
+        room = local[:, :, free] - self.precision.difference >= parameters.low[self._entries]
+        while True:
+            moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
+            moved[:, :, np.arange(1, len(free) + 1), free] += step
+            rows = self.differences(moved, self._trials)
+            with np.errstate(invalid="ignore", over="ignore"):
+                lost = ~np.isfinite(rows.sum(axis=-1))
+            back = lost[:, :, 1:] & ~lost[:, :, :1] & (step > 0.0) & room
+            if not back.any():
+                break
+            step[back] *= -1.0
+        with np.errstate(invalid="ignore", over="ignore"):
+            slopes = np.subtract(rows[:, :, 1:], rows[:, :, :1], dtype=np.float64)
+            slopes /= step[..., None]
+        if lost.any():
+            slopes[lost[:, :, 1:] | lost[:, :, :1]] = 0.0
+        residuals = rows[:, :, 0].astype(np.float64)
+        blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
+        normal = np.zeros((len(theta), len(parameters), len(parameters)))
+        for e, (used, at) in enumerate(self.columns):
+            normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
+        return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
+
+    def _pull(self, slopes: Floats, signal: Floats) -> Floats:
+        """Return J^T times a signal (S, E, M), as (S, P), from slopes (S, E, F, M)."""
+        finite = np.where(np.isfinite(signal), signal, 0.0)
+        pulls = np.einsum("sefm,sem->sef", slopes, finite)
+        pulled = np.zeros((len(slopes), len(self.parameters)))
+        for e, (used, at) in enumerate(self.columns):
+            pulled[:, at] += pulls[:, e, used]
+        return pulled
+
+    def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
+        """Return J^T r'' (S, P) for steps (S, P) from vectors (S, P)."""
+        taken = np.where(self._entries == FIXED_SLOT, 0.0, step[:, self._entries])  # (S, E, F)
+        straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
+        ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
+        with np.errstate(invalid="ignore", over="ignore"):
+            risen = self.residuals(ahead) - linear.residuals
+            bent = 2.0 * (risen / LOOK_AHEAD - straight) / LOOK_AHEAD
+        return self._pull(linear.slopes, bent)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The regression of trials on their unknowns."""
+
+    parameters: Unknowns
+    observed: Observed
+    noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
+    usual: Floats | None = None  #: The misfits of known-good logs, by which this one is judged.
+
+    def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
+        """Return the misfit at a precision."""
+        precision = precision._replace(stride=self.stride(precision))
+        return Misfit(self.parameters, self.observed, precision, only_of)
+
+    def stride(self, precision: Precision) -> int:
+        """Return every how many samples are compared: all, where they are far apart."""
+        return min(precision.stride, self.parameters.robot.stride)
+
+    @cached_property
+    def rms(self) -> float:
+        """The root mean square of the signal, in its unit."""
+        signal = self.observed.weighted
+        if self.observed.noise is not None:
+            signal = signal / self.observed.noise.sd
+        return max(float(np.sqrt((signal**2).sum() / self.observed.size)), 1e-12)
+
+    @property
+    def least_sigma(self) -> float:
+        """The standard deviation of rounding, in the signal's unit."""
+        return LEAST_RELATIVE_SIGMA * self.rms
+
+    def sigma(self, squares: float, count: int) -> float:
+        """Return the noise's standard deviation, from the sum of squares of ``count`` residuals."""
+        freedom = max(count - self.parameters.unknowns, 1)
+        return self.noise or max(float(np.sqrt(squares / freedom)), self.least_sigma)
+
+    def sigma_near(self, misfit: Misfit, theta: Floats) -> float:
+        """Return the noise's standard deviation: as given, or from the best vector's residuals."""
+        return self.noise or self.sigma(misfit.squares(theta).min(), misfit.count)

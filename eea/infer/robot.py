@@ -1,0 +1,128 @@
+"""A robot, stated by its numbers and a simulator, and what can be asked about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from eea.core.config import FALSE_ALARM_RATE, FitConfig
+from eea.infer.statement import RobotModel
+
+if TYPE_CHECKING:  # they load scipy, and a statement needs none
+    from eea.infer.answer import Answer
+    from eea.infer.known import Follower, Reference
+    from eea.infer.trials import Noise, Trial
+
+
+class Robot(RobotModel):
+    """A robot whose parameters, nuisances and hidden angles are inferred together.
+
+    Parameters
+    ----------
+    parameters
+        The numbers that are sought, by name, each with its range (low, high).
+    simulate
+        See :class:`eea.infer.statement.Simulate`.
+    channels
+        The unit of each channel of the signal, by name, in the order of its last axis.
+    whole
+        The values of parameters where nothing is broken. They are so unless a hypothesis moves
+        them; parameters without one are always sought.
+    nuisances
+        What the signal depends on besides: a distribution by name, or
+        :class:`~eea.infer.statement.Nuisance` for what is seldom needed, such as groups.
+    each_trial
+        The nuisances that vary from trial to trial.
+    hidden
+        The names of angles, in rad, that are unknown at the start of each trial.
+    hypotheses
+        What may have changed or broken. None: each number in ``whole`` may be anywhere in its
+        range, with odds of 0.1 in all.
+    at_once
+        How many of the hypotheses may hold at the same time.
+    units
+        The units of parameters and nuisances, by name, for the findings.
+    parts
+        Parameters that belong together, for the findings.
+    nominal
+        What holds unless something is broken.
+    prior
+        Instead of uniform parameters and the nuisances' own priors.
+    discrepancy
+        How far ``simulate`` may be from the robot.
+    stride
+        Early stages of a search compare every n-th sample, at most.
+    loudest
+        Noise of unknown size is none if it is louder, in the channels' unit.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name occurs twice, a range is empty, or a hypothesis or part refers to an unknown name.
+
+    Examples
+    --------
+    A pendulum with a motor, of unknown length, whose gyroscope has a bias:
+
+    >>> import numpy as np
+    >>> from eea.infer.statement import Normal
+    >>> def swing(values, torque):
+    ...     time = 0.01 * np.arange(1, 65)
+    ...     phase = torque[:, :1] * time + values["angle"][:, None]
+    ...     rate = values["length"][:, None] * np.sin(phase) + values["bias"][:, None]
+    ...     return rate[:, :, None]
+    >>> pendulum = Robot(
+    ...     parameters={"length": (0.0, 2.0)},
+    ...     simulate=swing,
+    ...     channels={"gyro": "rad/s"},
+    ...     nuisances={"bias": Normal(0.0, 0.05)},
+    ...     hidden=("angle",),
+    ... )
+    >>> pendulum.names
+    ('length', 'bias', 'angle')
+    """
+
+    def infer(
+        self,
+        trials: Sequence[Trial],
+        seed: int = 0,
+        config: FitConfig | None = None,
+        noise: Mapping[str, float] | Noise | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> Answer:
+        """Return the posterior given recorded trials; see :func:`eea.infer.fit.infer`."""
+        from eea.infer.fit import infer
+
+        return infer(self, trials, seed, config, noise, progress=progress)
+
+    def learn(
+        self,
+        known_good: Sequence[Trial],
+        sessions: Sequence[object] | None = None,
+        seed: int = 0,
+        config: FitConfig | None = None,
+        ongoing: object = None,
+    ) -> Reference:
+        """Return what logs that are known to be good tell; see :func:`eea.infer.known.learn`.
+
+        ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in
+        which the robot is not repaired. ``ongoing`` is the label of the one that still goes on.
+        """
+        from eea.infer.known import learn
+
+        return learn(self, known_good, sessions, seed, config, ongoing)
+
+    def follow(
+        self,
+        noise: Mapping[str, float] | Noise,
+        alarm: float = FALSE_ALARM_RATE,
+        drift: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> Follower:
+        """Return what follows the numbers through a log, window by window.
+
+        See :class:`eea.infer.known.Follower`.
+        """
+        from eea.infer.known import Follower
+
+        return Follower(self, noise, alarm, drift, seed)

@@ -1,0 +1,229 @@
+"""Numbers are followed window by window, and a change is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eea import Hypothesis, Normal, Robot, Trial
+from eea.core.checks import ConfigurationError
+from eea.infer.known import ALARM_FINDING
+
+NOISE = {"force": 0.1}
+FEELS = {"force": "N"}
+DAMPER = Hypothesis("the damper leaks", moves={"damping": Normal(0.0, 1.0)}, odds=0.1)
+SPRING = Hypothesis("the spring is weak", moves={"stiffness": Normal(0.0, 2.0, high=0)}, odds=0.1)
+
+
+def push(values, motion):
+    """Return the forces (B, T, 1) of springs and dampers in motion (B, T, 2): place and speed."""
+    spring = values["stiffness"][:, None] * motion[:, :, 0]
+    return (spring + values["damping"][:, None] * motion[:, :, 1])[:, :, None]
+
+
+STRUT = Robot(
+    parameters={"stiffness": (0.0, 10.0), "damping": (0.0, 4.0)},
+    simulate=push,
+    channels=FEELS,
+    hypotheses=[DAMPER, SPRING],
+)
+
+
+def window(rng, stiffness=5.0, damping=1.0, moves=True, samples=40):
+    time = rng.uniform(0.0, 10.0) + 0.1 * np.arange(samples)
+    motion = np.stack([np.sin(time), np.cos(time) * moves], axis=-1)
+    values = {"stiffness": np.array([stiffness]), "damping": np.array([damping])}
+    force = push(values, motion[None])[0]
+    return Trial(force + rng.normal(0.0, 0.1, force.shape), motion)
+
+
+def test_the_intervals_close_in_on_the_truth():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    assert follower.table()["stiffness"][0] == 5.0  # the middle of its range
+    widths = []
+    for _ in range(9):
+        followed = follower.update(window(rng))
+        _, low, high = followed.table["damping"]
+        widths.append(high - low)
+    assert widths[-1] == pytest.approx(widths[0] / 3.0, rel=0.1)
+    for name, true in {"stiffness": 5.0, "damping": 1.0}.items():
+        middle, low, high = follower.table(0.999)[name]
+        assert low < true < high
+        assert low < middle < high
+
+
+def test_what_no_window_tells_stays_open_in_the_middle_of_its_range():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    for _ in range(4):
+        followed = follower.update(window(rng, moves=False))
+    middle, low, high = followed.table["damping"]
+    assert middle == pytest.approx(2.0, abs=0.05)
+    assert high - low > 3.0
+    assert not followed.alarm
+    assert followed.innovation_rms == pytest.approx(1.0, abs=0.3)
+    # It is told later, without an alarm.
+    assert not follower.update(window(rng)).alarm
+    assert follower.table()["damping"][0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_healthy_windows_alarm_at_the_stated_rate():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE, alarm=0.05)
+    alarms = sum(follower.update(window(rng)).alarm for _ in range(100))
+    assert 1 <= alarms <= 12
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"), [({"damping": 0.5}, DAMPER), ({"stiffness": 4.0}, SPRING)]
+)
+def test_a_change_is_named_and_followed_on(change, cause):
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    for _ in range(5):
+        follower.update(window(rng))
+    first = follower.update(window(rng, **change))
+    assert first.alarm
+    assert first.findings == (ALARM_FINDING,)
+    followed = follower.update(window(rng, **change))
+    assert followed.alarm
+    assert followed.explained
+    assert followed.innovation_rms > 1.5
+    assert followed.findings[0].startswith(cause.name)
+    for _ in range(3):
+        assert not follower.update(window(rng, **change)).alarm
+    ((name, value),) = change.items()
+    _, low, high = follower.table(0.999)[name]
+    assert low < value < high
+
+
+def test_a_window_that_nothing_explains_is_left_out():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    for _ in range(5):
+        follower.update(window(rng))
+    before = follower.table()
+    for _ in range(2):
+        odd = window(rng)
+        odd.signal[20:] *= -1.0
+        followed = follower.update(odd)
+        assert followed.alarm
+    assert not followed.explained
+    assert followed.findings[0].startswith("no robot explains the log")
+    assert follower.table() == before
+    assert not follower.update(window(rng)).alarm
+
+
+def test_a_number_that_wanders_raises_no_alarm_if_it_is_said_to():
+    rng = np.random.default_rng(0)
+    stiff = 5.0 - 0.05 * np.arange(30)
+    logs = [window(rng, stiffness=one) for one in stiff]
+    steady = STRUT.follow(NOISE)
+    assert any(steady.update(log).alarm for log in logs)
+    wandering = STRUT.follow(NOISE, drift={"stiffness": 0.1})
+    alarms = [wandering.update(log).alarm for log in logs]
+    assert not any(alarms)
+    _, low, high = wandering.table(0.999)["stiffness"]
+    assert low < stiff[-1] < high
+
+
+def test_missing_samples_have_no_innovation():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    assert follower.update(window(rng)).innovation is None
+    gap = window(rng)
+    gap.signal[3:9] = np.nan
+    innovation = follower.update(gap).innovation
+    assert innovation.shape == (40, 1)
+    assert np.isnan(innovation[3:9]).all()
+    assert np.isfinite(np.delete(innovation, range(3, 9))).all()
+
+
+def test_an_innovation_is_what_was_observed_minus_what_was_predicted():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    for _ in range(9):
+        follower.update(window(rng))
+    struck = window(rng)
+    struck.signal[20] += 0.5  # 5 sd
+    innovation = follower.update(struck).innovation
+    assert innovation[20, 0] == pytest.approx(5.0, abs=2.5)
+
+
+def test_a_hidden_angle_is_found_in_each_window():
+    def spin(values, times):
+        return np.sin(values["speed"][:, None] * times + values["phase"][:, None])[:, :, None]
+
+    wheel = Robot({"speed": (0.5, 1.5)}, spin, {"signal": "V"}, hidden=("phase",))
+    rng = np.random.default_rng(0)
+    times = 0.1 * np.arange(80)
+    follower = wheel.follow({"signal": 0.1})
+    for _ in range(4):
+        signal = np.sin(1.1 * times + rng.uniform(-3.0, 3.0)) + rng.normal(0.0, 0.1, 80)
+        followed = follower.update(Trial(signal[:, None], times))
+        assert not followed.alarm
+    assert followed.table["speed"][0] == pytest.approx(1.1, abs=0.01)
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    def run():
+        rng = np.random.default_rng(0)
+        follower = STRUT.follow(NOISE, seed=3)
+        return [follower.update(window(rng)) for _ in range(3)][-1]
+
+    assert run().table == run().table
+    assert run().p == run().p
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"noise": {}}, "noise must be that of every channel; force has none"),
+        ({"drift": {"mass": 1.0}}, "drift must be one of"),
+        ({"drift": {"damping": -1.0}}, "drift of damping must be a finite number of at least 0"),
+        ({"alarm": 0.0}, "alarm must be"),
+    ],
+)
+def test_wrong_settings_are_refused(options, message):
+    with pytest.raises((ConfigurationError, ValueError), match=message):
+        STRUT.follow(**({"noise": NOISE} | options))
+
+
+def test_numbers_that_are_stated_are_refused():
+    stated = Robot({"stiffness": (0.0, 10.0), "damping": (0.0, 4.0)}, push, FEELS, {"damping": 1.0})
+    with pytest.raises(ConfigurationError, match="whole must be empty where numbers are followed"):
+        stated.follow(NOISE)
+
+
+def test_a_first_window_that_nothing_explains_is_left_out():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow(NOISE)
+    odd = window(rng)
+    odd.signal[20:] *= -1.0
+    followed = follower.update(odd)
+    assert followed.alarm
+    assert not followed.explained
+    assert followed.table["stiffness"][0] == 5.0
+    assert not follower.update(window(rng)).alarm
+    assert follower.table()["damping"][0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_log_without_noise_raises_no_alarm_at_a_stated_noise():
+    follower = STRUT.follow(NOISE)
+    alarms = []
+    for start in range(4):
+        time = start + 0.1 * np.arange(40)
+        motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
+        values = {"stiffness": np.array([5.0]), "damping": np.array([1.0])}
+        alarms.append(follower.update(Trial(push(values, motion[None])[0], motion)).alarm)
+    assert not any(alarms)
+
+
+def test_an_alarm_by_noise_that_is_only_rounding_says_so():
+    rng = np.random.default_rng(0)
+    follower = STRUT.follow({"force": 1e-8})
+    found = [follower.update(window(rng)) for _ in range(2)]
+    assert all(one.alarm for one in found)
+    for one in found:
+        assert any("noise of force, 1e-08 N, is only rounding" in said for said in one.findings)
