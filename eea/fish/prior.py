@@ -70,7 +70,7 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     robot = replace(robot, nominal=known, hypotheses=())
     parameters = Unknowns.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
-    mode = Mode(mean, parameters.prior_information, 0.0, np.zeros(len(mean)))
+    mode = Mode(mean, parameters.prior_information, np.zeros(len(mean)), 0.0)
     posterior = parameters.posterior([mode])
     goodness = Goodness(noise, 1.0, 1.0, 1.0, 1.0, good=True, verdict="the body is known")
     branch = Branch(known, 1.0, parameters, posterior, posterior)

@@ -55,7 +55,7 @@ from eea.core.checks import (
 )
 from eea.fish.slow_errors import ACTIVE_BOUND_DISTANCE, slow_errors
 from eea.infer.design import UNTOLD_SHARE
-from eea.infer.laplace import precision_of_samples, scaled
+from eea.infer.laplace import Laplace
 from eea.infer.misfit import FINE, Regression
 from eea.infer.mixture import Mode
 from eea.infer.search import Optima
@@ -215,18 +215,17 @@ def doubted(
             gradient[at] += columns @ residuals
             squares += float(residuals @ residuals)
         # The shapes' amplitudes are integrated out.
-        inner = normal[size:, size:]
-        cross = normal[:size, size:]
-        information = normal[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
-        slope = gradient[:size] - cross @ np.linalg.solve(inner, gradient[size:])
+        near = Laplace(np.concatenate([theta, np.zeros(count)]), normal, gradient)
+        shape = near.given(range(size, size + count))
         cost = 0.5 * squares + float(parameters.prior_cost(theta))
-        cost -= 0.5 * float(gradient[size:] @ np.linalg.solve(inner, gradient[size:]))
-        cost += 0.5 * float(np.linalg.slogdet(inner)[1])
+        cost += 0.5 * float(shape.gradient @ shape.centre)
+        cost += 0.5 * float(np.linalg.slogdet(shape.information)[1])
+        mode = Mode(**vars(near.marginal(range(size))), cost=cost)
         if calibration is not None:
             factors = np.ones(size)
             factors[: parameters.body] = calibration.factors(level)
-            information, slope = scaled(information, slope, factors)
-        modes.append(Mode(theta, information, cost, slope))
+            mode = mode.scaled(factors)
+        modes.append(mode)
     return modes
 
 
@@ -300,29 +299,38 @@ def contradiction(optima: Optima) -> Contradiction | None:
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(theta)
     directions = differences(optima, discrepancy.assumed_shapes, theta)[0]  # (E, K, M)
-    weight = precision_of_samples(optima)
-    inner = (theta[0] > parameters.low + ACTIVE_BOUND_DISTANCE) & (
-        theta[0] < parameters.high - ACTIVE_BOUND_DISTANCE
+    weight = optima.precision
+    inner = np.flatnonzero(
+        (theta[0] > parameters.low + ACTIVE_BOUND_DISTANCE)
+        & (theta[0] < parameters.high - ACTIVE_BOUND_DISTANCE)
     )
-    cross = np.zeros((len(parameters), directions.shape[1]))
+    size = len(parameters)
+    tested = np.arange(size, size + directions.shape[1])
+    near = misfit.laplace(theta, linear, weight)[0]
+    information = np.zeros((size + len(tested), size + len(tested)))
+    information[:size, :size] = near.information
     for e, (used, entries) in enumerate(misfit.columns):
-        cross[entries] += weight * linear.slopes[0, e, used] @ directions[e].T
-    information = (weight * linear.normal[0] + parameters.prior_information)[np.ix_(inner, inner)]
-    flat = np.einsum("ekm,elm->kl", directions, directions) * weight
-    left = flat - cross[inner].T @ np.linalg.pinv(information, hermitian=True) @ cross[inner]
+        information[np.ix_(entries, tested)] += weight * linear.slopes[0, e, used] @ directions[e].T
+    information[size:, :size] = information[:size, size:].T
+    information[size:, size:] = np.einsum("ekm,elm->kl", directions, directions) * weight
     slope = weight * np.einsum("ekm,em->k", directions, linear.residuals[0])
-    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
-    told = values > LEAST_INFORMATION
-    along = vectors.T @ slope
-    square = float((along[told] ** 2 / values[told]).sum())
-    p = float(chdtrc(int(told.sum()), square)) if told.any() else 1.0
+    both = Laplace(
+        np.concatenate([near.theta, np.zeros(len(tested))]),
+        information,
+        np.concatenate([near.gradient, slope]),
+    )
+    kept = np.concatenate([inner, tested])
+    left = both.given(kept).marginal(np.arange(len(inner), len(kept)))
+    square, freedom = left.score_test(LEAST_INFORMATION)
+    p = float(chdtrc(freedom, square)) if freedom else 1.0
     # Where nearly nothing is left, rounding may leave less than nothing.
+    values, vectors = np.linalg.eigh(left.information)
     covariance = (vectors / (np.maximum(values, 0.0) + 1.0)) @ vectors.T
     sds = np.array([one.sd for one in discrepancy.assumed])
     means = np.array([one.value for one in discrepancy.assumed])
     return Contradiction(
         discrepancy.assumed,
-        means - sds * (covariance @ slope),
+        means - sds * (covariance @ left.gradient),
         sds * np.sqrt(np.diag(covariance)),
         p,
     )

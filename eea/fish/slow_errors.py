@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from eea.core.angles import Floats
-from eea.infer.laplace import scaled_inverse
+from eea.infer.laplace import pseudo_inverse
 from eea.infer.misfit import FINE, Regression
 
 
@@ -41,8 +41,7 @@ def slow_p(sums: Floats, prior: Floats, power: Floats, weight: Floats) -> float:
     """
     if not power[0]:
         return 1.0
-    inverse, scale = scaled_inverse(sums[0] + prior * power[0] / weight[0])
-    taken, slow, slower = (inverse / np.outer(scale, scale)) @ sums
+    taken, slow, slower = pseudo_inverse(sums[0] + prior * power[0] / weight[0]) @ sums
     left = weight[0] - np.trace(taken)
     mean = weight[1] - float(np.trace(slow))
     square = weight[2] - 2.0 * float(np.trace(slower)) + float(np.sum(slow * slow.T))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
+from eea.infer.laplace import Laplace
 from eea.infer.misfit import Linear, Misfit
 
 LEAST_DIAGONAL_SHARE = 1e-6  # least entry of Marquardt's diagonal, divided by the greatest
@@ -68,12 +69,10 @@ def descend(
             break
         here = theta[live]
         linear = misfit.linearise(here)
-        away = here - parameters.prior_mean
-        gradient = 2 * per_square * linear.gradient + away @ parameters.prior_information
-        normal = 2 * per_square * linear.normal + parameters.prior_information
+        near = misfit.laplace(here, linear, 2.0 * per_square)
         trial = np.stack(
             [
-                _stepped(misfit, here, linear, gradient, normal, factor * damping[live], sigma)
+                _stepped(misfit, near, linear, factor * damping[live], sigma)
                 for factor in DAMPING_FACTORS
             ]
         )  # (3, L, P)
@@ -103,15 +102,16 @@ def descend(
 
 def _stepped(
     misfit: Misfit,
-    theta: Floats,
+    near: Laplace,
     linear: Linear,
-    gradient: Floats,
-    normal: Floats,
     damping: Floats,
     sigma: float,
 ) -> Floats:
     """Return one damped step from each vector (L, P), within the bounds."""
     parameters = misfit.parameters
+    theta = near.theta
+    gradient = near.gradient
+    normal = near.information
     diagonal = np.einsum("lpp->lp", normal)
     scale = np.maximum(diagonal, LEAST_DIAGONAL_SHARE * diagonal.max(axis=1, keepdims=True))
     scale = np.maximum(scale, np.finfo(float).tiny)

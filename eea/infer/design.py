@@ -23,16 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from eea.core.angles import TURN, Floats
+from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, TargetError, mapping
 from eea.infer.box_normal import log_mass
 from eea.infer.branch import Branch
-from eea.infer.laplace import precision_of_samples
+from eea.infer.laplace import Laplace
 from eea.infer.misfit import FINE, Misfit, Regression
 from eea.infer.search import Optima
 from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import Observed, Trial
-from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns
+from eea.infer.unknowns import Unknowns
 
 MOST_SDS = 40.0  # that a change is tried up to
 TRIED_CHANGES = 8001
@@ -228,31 +228,19 @@ def _known(best: Optima) -> _Known:
     parameters = best.regression.parameters
     theta = best.fits.theta[0]
     entries = parameters.common_entries()
-    prior = proper_prior(parameters)
-    trials = precision_of_samples(best) * _normal(best.regression, theta)
-    return _Known(
-        parameters,
-        theta,
-        entries,
-        prior[np.ix_(entries, entries)],
-        without_own(trials, prior, entries),
-    )
+    prior = parameters.proper_prior[np.ix_(entries, entries)]
+    trials = _of_trials(best.regression, theta, best.precision, entries)
+    return _Known(parameters, theta, entries, prior, trials)
 
 
-def proper_prior(parameters: Unknowns) -> Floats:
-    """Return the prior's precision (P, P), with that of a range or a turn where it is uniform."""
-    uniform = np.where(parameters.circular, UNIFORM_PRECISION / TURN**2, UNIFORM_PRECISION)
-    least = np.where(parameters.prior_precision > 0.0, 0.0, uniform)
-    return np.asarray(parameters.prior_information + np.diag(least))
-
-
-def without_own(trials: Floats, prior: Floats, entries: NDArray[np.intp]) -> Floats:
-    """Return trials' information (n, n) on some entries after the others are integrated out."""
-    others = np.setdiff1d(np.arange(len(trials)), entries)
-    cross = trials[np.ix_(entries, others)]
-    inner = (trials + prior)[np.ix_(others, others)]
-    left = trials[np.ix_(entries, entries)] - cross @ np.linalg.solve(inner, cross.T)
-    return np.asarray(0.5 * (left + left.T))
+def _of_trials(
+    regression: Regression, theta: Floats, weight: float, entries: NDArray[np.intp]
+) -> Floats:
+    """Return the trials' own information (n, n) on some entries at a vector (P,)."""
+    prior = regression.parameters.prior_information
+    near = Laplace(theta, weight * _normal(regression, theta) + prior, np.zeros(len(theta)))
+    left = near.marginal(entries, regression.parameters.uniform_precision)
+    return np.asarray(left.information - prior[np.ix_(entries, entries)])
 
 
 def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Trial) -> Floats:
@@ -267,8 +255,7 @@ def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Tria
     entries = np.array([here[name] for name in names], dtype=np.intp)
     theta[entries] = known.theta[known.entries]
     observed = replace(Observed.of([trial], robot), noise=best.regression.observed.noise)
-    normal = _normal(Regression(one, observed, None), theta)
-    return without_own(precision_of_samples(best) * normal, proper_prior(one), entries)
+    return _of_trials(Regression(one, observed, None), theta, best.precision, entries)
 
 
 def _normal(regression: Regression, theta: Floats) -> Floats:

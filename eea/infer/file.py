@@ -250,7 +250,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Answ
         parts = []
         for count in row["modes"]:
             modes = [
-                Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])
+                Mode(theta[i, own], information[i, own, own], gradient[i, own], float(cost[i]))
                 for i in range(first, first + count)
             ]
             first += count

@@ -28,7 +28,6 @@ from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer, WarmStart
 from eea.infer.branch import Branch
 from eea.infer.goodness import LEAST_RELATIVE_RMS
-from eea.infer.laplace import log_prior_constant, mixture
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.search import Optima, halved, improved, pose, search
@@ -60,7 +59,7 @@ def fit(
         -log p(theta | trials, h) = sum of r^2 / (2 sigma^2) - log p(theta | h) + constant
 
     Least squares finds its optima (:func:`~eea.infer.search.search`). A truncated normal
-    distribution stands for each (:func:`~eea.infer.laplace.mixture`), and their integral is the
+    distribution stands for each (:class:`~eea.infer.mixture.Mixture`), and their integral is the
     evidence::
 
         p(h | trials) = p(trials | h) / (sum over g of p(trials | g))
@@ -120,7 +119,7 @@ def fit(
     # Fit the robot as it should be, then the other hypotheses that are plausible.
     plain = optimize(robot.nominal)
     explained = plain.goodness.good
-    alone = mixture(plain, plain)
+    alone = plain.mixture(plain)
     others: list[tuple[Hypothesis, Optima]] = []
     plausible = _plausible(robot, config, plain, alone, earlier)
     if plausible and not explained and doubt is not None and not doubt(plain):
@@ -132,13 +131,13 @@ def fit(
     lowest = min((o for _, o in others), key=_least, default=plain)
     if _least(lowest) < _least(plain):  # Is the hypothesis better, or only its search?
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
-        alone = mixture(plain, plain)
+        alone = plain.mixture(plain)
 
     # Weigh them by their evidence.
     fitted = [(robot.nominal, plain), *others]
     best = min((optima for _, optima in fitted), key=lambda one: (one.sigma, _least(one)))
-    mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
-    constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
+    mixtures = [alone if o is best is plain else o.mixture(best) for _, o in fitted]
+    constants = [o.regression.parameters.log_prior_constant for _, o in fitted]
     evidence = np.array([m.log_evidence + c for m, c in zip(mixtures, constants, strict=True)])
     evidence += np.log([h.odds for h, _ in fitted])
     shares = np.exp(evidence - evidence.max())
@@ -427,10 +426,11 @@ def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[s
 def _determined(optima: Optima) -> float:
     """Return how many unknowns the data determine, rather than the prior."""
     theta = optima.fits.theta[:1]
-    parameters = optima.regression.parameters
-    normal = optima.regression.misfit(FINE).linearise(theta).normal[0] / optima.sigma**2
-    both = normal + parameters.prior_information
-    return float(np.trace(np.linalg.pinv(both, hermitian=True) @ normal))
+    misfit = optima.regression.misfit(FINE)
+    linear = misfit.linearise(theta)
+    weight = optima.sigma**-2
+    near = misfit.laplace(theta, linear, weight)[0]
+    return float(np.trace(near.covariance() @ (weight * linear.normal[0])))
 
 
 def first_guess(robot: RobotModel, observed: Observed) -> Noise:

@@ -69,7 +69,6 @@ from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer
 from eea.infer.branch import LEAST_SD
 from eea.infer.descent import Fitted, descend
-from eea.infer.design import proper_prior, without_own
 from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
 from eea.infer.misfit import COARSE, FINE, Regression
 from eea.infer.search import Optima, hop, pose
@@ -249,9 +248,6 @@ def fit_near_prior(
     return fits.of([int(fits.cost.argmin())])
 
 
-FLAT_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the range
-
-
 def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection[str]) -> list[str]:
     """Return a sentence on each number in ``whole`` that known-good logs do not have.
 
@@ -275,7 +271,7 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
     free = replace(robot, whole={})
     parameters = Unknowns.of(free, 1, groups, free.nominal)
     flat = np.zeros(len(parameters))
-    flat[places] = FLAT_PRECISION
+    flat[places] = UNIFORM_PRECISION
     found = []
     variances = []
     for fit in fits:
@@ -283,13 +279,10 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         misfit = regression.misfit(FINE)
         start = carried_over(fit, parameters)[:1]
         theta = descend(misfit, start, fit.sigma, 40, 1e-6).theta
-        linear = misfit.linearise(theta)
-        information = linear.normal[0] / fit.sigma**2 + parameters.prior_information
-        covariance = np.linalg.pinv(information + np.diag(flat), hermitian=True)
+        near = misfit.laplace(theta, misfit.linearise(theta), fit.sigma**-2)[0]
+        covariance = near.covariance(flat)
         # Not held by a bound, at which numbers in ``whole`` often are.
-        away = parameters.prior_information @ (theta[0] - parameters.prior_mean)
-        gradient = linear.gradient[0] / fit.sigma**2 + away
-        found.append((theta[0] - covariance @ gradient)[places])
+        found.append((near.theta - covariance @ near.gradient)[places])
         variances.append(np.diag(covariance)[places])
     said = []
     for k, (name, stated) in enumerate(robot.whole.items()):
@@ -689,7 +682,7 @@ class Follower:
         """Return what is known before the first window: the ranges, and nuisances' own priors."""
         plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._robot.groups)
         entries = self._entries(plain)
-        precision = proper_prior(plain)[np.ix_(entries, entries)]
+        precision = plain.proper_prior[np.ix_(entries, entries)]
         covariance = np.asarray(np.linalg.inv(precision), np.float64)
         return Prior(tuple(self._names), plain.prior_mean[entries], covariance)
 
@@ -741,12 +734,13 @@ class Follower:
         a best fit left them.
         """
         parameters = regression.parameters
-        normal = regression.misfit(FINE).linearise(theta[None]).normal[0]
+        misfit = regression.misfit(FINE)
+        linear = misfit.linearise(theta[None])
         common = self._entries(parameters)
-        told = without_own(normal, proper_prior(parameters), common)
-        stated = parameters.prior_information[np.ix_(common, common)]
-        flat = np.diag(np.where(np.diag(stated) > 0.0, 0.0, UNIFORM_PRECISION))
-        covariance = np.linalg.inv(told + stated + flat)
+        least = parameters.uniform_precision
+        near = misfit.laplace(theta[None], linear, 1.0)[0].marginal(common, least)
+        flat = np.diag(least[common])
+        covariance = np.linalg.inv(near.information + flat)
         mean = theta[common] - covariance @ flat @ (theta[common] - known.mean)
         covariance = 0.5 * (covariance + covariance.T) + LEAST_SD**2 * np.eye(len(common))
         return Prior(tuple(self._names), mean, covariance)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
+from eea.infer.laplace import Laplace
 from eea.infer.trials import Observed
 from eea.infer.unknowns import FIXED_SLOT, Unknowns
 
@@ -146,6 +147,14 @@ class Misfit:
         for e, (used, at) in enumerate(self.columns):
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
         return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
+
+    def laplace(self, theta: Floats, linear: Linear, weight: float) -> Laplace:
+        """Return the posterior near vectors (S, P), of residuals of the precision ``weight``."""
+        prior = self.parameters.prior_information
+        away = theta - self.parameters.prior_mean
+        return Laplace(
+            theta, weight * linear.normal + prior, weight * linear.gradient + away @ prior
+        )
 
     def _pull(self, slopes: Floats, signal: Floats) -> Floats:
         """Return J^T times a signal (S, E, M), as (S, P), from slopes (S, E, F, M)."""

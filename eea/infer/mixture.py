@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
 from eea.infer.box_normal import BoxNormal
+from eea.infer.laplace import Laplace
 
 SUMMARY_DRAWS = 4096  # a 5% quantile is then between the 4.3% and the 5.7% quantile
 #: Two equal normal densities have two peaks only if their centres are more than two sd apart.
@@ -22,23 +22,11 @@ PEAK_DISTANCE_SDS = 2.0
 ONE_SIDED_DENSITY_RATIO = 1.25
 
 
-class Mode(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Mode(Laplace):
     """One optimum of -log posterior and its shape there."""
 
-    theta: Floats  #: (P,): shares of ranges, and rad where circular.
-    #: (P, P), the symmetric Hessian at ``theta``: J^T J / sigma^2 plus the prior's precision. It
-    #: may be singular: parameters without information are uniform over their ranges.
-    information: Floats
     cost: float  #: -log posterior at ``theta``, up to a constant common to all modes.
-    gradient: Floats  #: (P,), nonzero where a bound holds the optimum.
-
-    def covariance(self, least: Floats | float = 0.0) -> Floats:
-        """Return the covariance (P, P) of the normal, after a prior of precisions ``least`` (P,).
-
-        Directions without information have none.
-        """
-        information = self.information + least * np.eye(len(self.theta))
-        return np.asarray(np.linalg.pinv(information, hermitian=True))
 
 
 def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, ...]:
@@ -69,7 +57,7 @@ class Mixture:
 
     Examples
     --------
-    >>> mode = Mode(np.array([0.02, 0.5]), np.diag([400.0, 0.0]), 0.0, np.zeros(2))
+    >>> mode = Mode(np.array([0.02, 0.5]), np.diag([400.0, 0.0]), np.zeros(2), 0.0)
     >>> straight = np.zeros(2, dtype=np.bool_)
     >>> found = Mixture(("width", "thickness"), np.zeros(2), np.ones(2), straight, [mode])
     >>> low, high = found.interval(0.9)

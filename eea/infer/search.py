@@ -27,9 +27,12 @@ from eea.infer.goodness import (
     LEAST_RELATIVE_RMS,
     Goodness,
     against_known_good,
+    effective_count,
     goodness_of_fit,
 )
+from eea.infer.laplace import Laplace
 from eea.infer.misfit import COARSE, FINE, Precision, Regression
+from eea.infer.mixture import Mixture, Mode
 from eea.infer.unknowns import Unknowns
 
 
@@ -256,6 +259,30 @@ class Optima:
     regression: Regression
     fits: Fitted  #: Fits, best first.
     sigma: float  #: Standard deviation of the noise, as given or from the best fit's residuals.
+
+    def laplace(self, weight: float) -> Laplace:
+        """Return the posterior near the fits, of residuals of the precision ``weight``."""
+        misfit = self.regression.misfit(FINE)
+        theta = self.fits.theta
+        return misfit.laplace(theta, misfit.linearise(theta), weight)
+
+    def mixture(self, best: Optima) -> Mixture:
+        """Return the posterior, with noise estimated from the ``best`` fit of all hypotheses."""
+        weight = best.precision
+        near = self.laplace(weight)
+        parameters = self.regression.parameters
+        cost = 0.5 * weight * self.fits.squares + parameters.prior_cost(self.fits.theta)
+        modes = [Mode(**vars(near[k]), cost=float(cost[k])) for k in range(len(cost))]
+        return parameters.posterior(modes)
+
+    @cached_property
+    def precision(self) -> float:
+        """1 / sigma^2 of the samples, times the share of them that counts as independent.
+
+        Where residuals are correlated, only the effective number of samples counts.
+        """
+        residuals = self.residuals
+        return effective_count(residuals) / sum(one.size for one in residuals) / self.sigma**2
 
     @cached_property
     def residuals(self) -> list[Floats]:

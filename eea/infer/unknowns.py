@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import Floats, wrap
-from eea.infer.mixture import Mixture, Mode
+from eea.core.angles import TURN, Floats, wrap
+from eea.infer.mixture import Mixture, Mode, log_constant
 from eea.infer.statement import Hypothesis, RobotModel
 
 FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
 # Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
-UNIFORM_PRECISION = 12.0  # in 1/range^2, of a number that a log does not determine
+UNIFORM_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the range
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +220,24 @@ class Unknowns:
         away = theta - self.prior_mean
         cost: Floats = 0.5 * ((away @ self.prior_information) * away).sum(axis=-1)
         return cost
+
+    @property
+    def log_prior_constant(self) -> float:
+        """The constant of the log prior; it depends on the set of unknowns."""
+        return log_constant(
+            self.prior_mean, self.prior_information, self.low, self.high, self.circular
+        )
+
+    @property
+    def uniform_precision(self) -> Floats:
+        """The precision (P,) of a range or a turn where the prior is uniform, elsewhere 0."""
+        uniform = np.where(self.circular, UNIFORM_PRECISION / TURN**2, UNIFORM_PRECISION)
+        return np.where(self.prior_precision > 0.0, 0.0, uniform)
+
+    @property
+    def proper_prior(self) -> Floats:
+        """The prior's precision (P, P), with that of a range or a turn where it is uniform."""
+        return np.asarray(self.prior_information + np.diag(self.uniform_precision))
 
 
 class _Prior(NamedTuple):

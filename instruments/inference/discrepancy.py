@@ -36,7 +36,6 @@ from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.simulator_error import Discrepancy
 from eea.infer.fit import fit
 from eea.infer.goodness import autocorrelation
-from eea.infer.laplace import scaled
 from eea.infer.session import fast_command
 from instruments.inference.robots import SPANS, Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import Setting, World
@@ -124,11 +123,7 @@ def miss(
     doubted, held = belief.branches[0].doubted, []
     for factor in FACTORS:
         every = np.full(len(doubted.names), factor)
-        modes = [
-            mode._replace(information=information, gradient=gradient)
-            for mode in doubted.modes
-            for information, gradient in [scaled(mode.information, mode.gradient, every)]
-        ]
+        modes = [mode.scaled(every) for mode in doubted.modes]
         low, high = (
             end[: len(body)] * SPANS for end in replace(doubted, modes=modes).interval(MASS)
         )

@@ -19,7 +19,7 @@ def mode(theta, information, cost, gradient=None):
     """Return a mode; without a gradient unless one is given."""
     theta = np.asarray(theta, dtype=float)
     slope = np.zeros(len(theta)) if gradient is None else gradient
-    return Mode(theta, np.asarray(information, dtype=float), cost, slope)
+    return Mode(theta, np.asarray(information, dtype=float), slope, cost)
 
 
 def mixture(names, low, high, circular, modes):
@@ -33,7 +33,7 @@ def fit(effects, felt, low, high, circular=None, names=None):
     free = (np.where(turning, -50.0, low), np.where(turning, 50.0, high))
     theta = np.clip(lsq_linear(effects, felt, free, tol=1e-14).x, *free)
     misfit = effects @ theta - felt
-    best = Mode(theta, effects.T @ effects, 0.5 * misfit @ misfit, effects.T @ misfit)
+    best = Mode(theta, effects.T @ effects, effects.T @ misfit, 0.5 * misfit @ misfit)
     return Mixture(names or tuple(f"p{k}" for k in range(len(low))), low, high, turning, [best])
 
 

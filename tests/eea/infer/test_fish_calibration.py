@@ -10,7 +10,6 @@ import pytest
 from eea import FitConfig, RecordedLog, SwimLog, infer_log
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator, fish_problem
-from eea.infer.laplace import mixture
 from eea.infer.misfit import Regression
 from eea.infer.search import search
 from eea.infer.session import fast_command
@@ -46,7 +45,7 @@ def posteriors():
         robot.perform(fast_command(fish_problem().actions, np.empty((0, 3)), rng))
         truth = truth_of(parameters, robot)
         optima = search(Regression(parameters, robot.observed, None), rng, NEARLY_NONE, truth[None])
-        found.append((mixture(optima, optima), truth))
+        found.append((optima.mixture(optima), truth))
     return found
 
 

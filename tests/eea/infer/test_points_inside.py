@@ -24,7 +24,8 @@ def random_posterior(rng, names=("a", "b", "c", "phase", "turn")):
         root = rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-1.0, 2.0, size)
         held = ~circular & ((theta == 0.0) | (theta == 1.0))
         gradient = np.where(held, (1.0 - 2.0 * theta) * rng.exponential(20.0, size), 0.0)
-        modes.append(Mode(theta, root.T @ root, float(rng.exponential(2.0)), gradient))
+        cost = float(rng.exponential(2.0))
+        modes.append(Mode(theta, root.T @ root, gradient, cost))
     return Mixture(names, np.zeros(size), np.ones(size), circular, modes)
 
 
@@ -47,7 +48,7 @@ def doubted_elsewhere(belief, shift):
     for branch in belief.branches:
         own = branch.parameters.circular
         modes = [
-            m._replace(theta=np.where(own, m.theta + shift, np.clip(m.theta + shift, 0.0, 1.0)))
+            replace(m, theta=np.where(own, m.theta + shift, np.clip(m.theta + shift, 0.0, 1.0)))
             for m in branch.posterior.modes
         ]
         branches.append(replace(branch, doubted=replace(branch.posterior, modes=modes)))
