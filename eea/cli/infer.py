@@ -88,7 +88,7 @@ class Infer:
             lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
             if self.out is not None:
                 write_outcome(self.out, result)
-                draw_outcome(self.out, result, rounds=False)
+                draw_outcome(self.out, result)
                 lines += [*file_lines(self.out, result), f"written to {self.out}"]
             for line in [*lines, *end_lines(result)]:
                 console.print(line)

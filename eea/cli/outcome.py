@@ -26,12 +26,13 @@ def write_outcome(folder: Path, result: Result) -> None:
     Equal runs give equal files except times.json, the seconds after which each round ended.
     """
     document = result.to_dict()
-    seconds = [record.pop("seconds") for record in document["rounds"]]
+    if "rounds" in document:
+        seconds = [record.pop("seconds") for record in document["rounds"]]
+        write_document(folder / TIMES_FILE, {"seconds": seconds})
     write_document(folder / RESULT_FILE, document, RUN_SCHEMA)
-    write_document(folder / TIMES_FILE, {"seconds": seconds})
-    if result.rounds:
+    if result.complete:
         write_document(folder / MODEL_FILE, Morphology.from_array(result.body).to_dict())
-    if result.rounds and result.belief is not None:
+    if result.belief is not None:
         save_posterior(folder / POSTERIOR_FILE, result.belief)
         write_bodies(folder / SAMPLE_FILE, result.sample(SAMPLED_BODIES, result.seed))
 
@@ -50,12 +51,12 @@ def remove_outcome(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def draw_outcome(folder: Path, result: Result, rounds: bool = True) -> None:
-    """Draw the fitness of each round, and for joint inference the posterior."""
+def draw_outcome(folder: Path, result: Result) -> None:
+    """Draw the fitness of a run's rounds, and for joint inference the posterior."""
     from aquafish_gym.rendering.pictures import save_figure
     from eea.fish.plots import fitness_figure, posterior_figure
 
-    if rounds:
+    if result.rounds:
         save_figure(fitness_figure(result), folder / ROUNDS_PICTURE)
     if result.belief is not None:
         save_figure(posterior_figure(result), folder / MARGINALS_PICTURE)

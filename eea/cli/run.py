@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from tyro.conf import FlagCreatePairsOff, arg
+from tyro.conf import arg
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.runs.command_line import (
@@ -23,7 +23,6 @@ from aquafish_gym.utils.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
-from eea.core.checks import ConfigurationError
 from eea.core.config import Config, config_for
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
@@ -50,7 +49,7 @@ class Run(Given):
 
     example: ClassVar[str] = "--damage left_pectoral:length=0.5 --seed 1 --out out/run"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "condition", "paper", "rounds", "seed", "damage", "target_morphology",
+        "out", "condition", "rounds", "seed", "damage", "target_morphology",
         "target_engine", "threads",
     )  # fmt: skip
 
@@ -59,8 +58,6 @@ class Run(Given):
     #: intervals. The others are the paper's; "recovery" is out-of-band inference with the settings
     #: of the case study.
     condition: Method = "joint"
-    #: The paper's method: --condition out-of-band with 25 trials.
-    paper: FlagCreatePairsOff[bool] = False
     steps: int = 256  #: Length of a trial in steps of 0.01 s; a power of two, except for joint.
     #: Trials of the target, one a round; by default 3 for joint, 16 for recovery, 25 otherwise.
     rounds: int | None = None
@@ -77,17 +74,10 @@ class Run(Given):
 
     def config(self) -> Config:
         """Return the settings of the condition with those of the options."""
-        name = self.condition
-        if self.paper and name == "recovery":
-            raise ConfigurationError("--paper must not be given with the condition recovery")
-        if self.paper and name == "joint":
-            if "condition" in self.given:
-                raise ConfigurationError("--paper must not be given with the condition joint")
-            name = "out-of-band"
-        base = config_for(name)
+        base = config_for(self.condition)
         rounds = base.rounds if self.rounds is None else self.rounds
         base = replace(base, steps=self.steps, rounds=rounds)
-        return self.settings.over({name: base}, self.given)[name]
+        return self.settings.over({self.condition: base}, self.given)[self.condition]
 
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""
@@ -125,7 +115,7 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             task = bar.add_task("", total=session.config.rounds)
             for record in session:
                 write_outcome(folder, session.result)
-                console.print(_round_line(record, session.result))
+                console.print(_round_line(record, session.result, session.config.rounds))
                 bar.update(task, advance=1)
     finally:
         result = session.result
@@ -143,13 +133,13 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             console.print(line)
 
 
-def _round_line(record: RoundRecord, result: Result) -> str:
+def _round_line(record: RoundRecord, result: Result, rounds: int) -> str:
     found = f"best MOD_FIT {record.model_fitness:6.3f}"
     if result.belief is not None:
         width = 100.0 * result.width(STATED_MASS)
         found = f"{STATED_MASS:.0%} intervals {width:.2g}% of the ranges wide"
         if not result.belief.good:
             found = "no body explains the trials"
-    counted = f"{record.round:2d}/{result.config.rounds}"
+    counted = f"{record.round:2d}/{rounds}"
     fitness = record.objective_fitness
     return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

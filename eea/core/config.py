@@ -196,8 +196,6 @@ class FitConfig:
 
     #: Groups of nuisances to infer; None for all, the safest.
     nuisances: tuple[str, ...] | None = None
-    #: Groups among them that vary from trial to trial; the others are common to all trials.
-    per_trial: tuple[str, ...] = ()
     #: Standard deviation of the gyroscope's noise, rad/s; None estimates it.
     noise: float | None = real_field(None, 1e-9)
     #: When to fit the alternative hypotheses, such as a seized servo: in "doubt" (the residuals do
@@ -215,7 +213,6 @@ class FitConfig:
     def __post_init__(self) -> None:
         if self.nuisances is not None:
             instance("nuisances", self.nuisances, tuple)
-        instance("per_trial", self.per_trial, tuple)
         choice("alternatives", self.alternatives, ("doubt", "always", "never"))
         check_fields(self)
         at_most("descents", self.descents, "bodies", self.bodies)

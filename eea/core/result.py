@@ -120,6 +120,8 @@ class RoundRecord:
 class Result:
     """A run's settings, rounds and conclusion; readable after every round.
 
+    A body inferred from logs alone has a posterior, but no rounds and no ``config``.
+
     Examples
     --------
     >>> from eea.core.config import PaperConfig
@@ -129,7 +131,7 @@ class Result:
     ('interrupted', 1.0)
     """
 
-    config: Config
+    config: Config | None
     seed: int
     layout: BitLayout  #: The models' genome, with the ranges of the dimensions.
     truth: Floats | None = None  #: The target's true dimensions (n,), if known.
@@ -140,11 +142,21 @@ class Result:
     belief: Any = None
 
     @property
+    def method(self) -> str:
+        """The condition of a run; "joint" of a body from logs, which has no other."""
+        return "joint" if self.config is None else self.config.condition
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a model: of a posterior, or of a round."""
+        return self.belief is not None or bool(self.rounds)
+
+    @property
     def model(self) -> Floats:
-        """The last round's best model, shape (n,); ``TargetError`` if there is no round."""
-        if not self.rounds:
+        """The best model (n,), of the posterior or the last round; ``TargetError`` without both."""
+        if not self.complete:
             raise TargetError("there is no model yet: no round was completed")
-        return np.array(self.rounds[-1].morphology)
+        return np.array(self.rounds[-1].morphology if self.rounds else self.belief.model)
 
     @property
     def body(self) -> Floats:
@@ -157,8 +169,10 @@ class Result:
 
     @property
     def objective_fitness(self) -> float | None:
-        """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is missing."""
-        return self.rounds[-1].objective_fitness if self.rounds else None
+        """OBJ_FIT (Eq. 4) of ``model``; None if the truth or a model is missing."""
+        if self.truth is None or not self.complete:
+            return None
+        return float(objective_fitness(self.model, self.truth, self.layout))
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's interval of probability ``mass``.
@@ -195,7 +209,7 @@ class Result:
         if self.belief is None:
             raise TargetError(
                 'only the condition "joint" has a posterior, after the first round; '
-                f"this is {self.config.condition!r} after {len(self.rounds)} rounds"
+                f"this is {self.method!r} after {len(self.rounds)} rounds"
             )
         return self.belief
 
@@ -215,18 +229,21 @@ class Result:
         return None if self.truth is None else quantisation_limit(self.truth, self.layout)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
+        """Return everything, ready for JSON; of a body from logs without what a run has."""
+        settings: dict[str, Any] = {}
+        rounds: dict[str, Any] = {}
+        if self.config is not None:
+            settings = {"config": self.config.to_dict(), "seed": self.seed, "stopped": self.stopped}
+            rounds = {"rounds": [record.to_dict() for record in self.rounds]}
         return {
             "schema": RUN_SCHEMA,
-            "config": self.config.to_dict(),
-            "seed": self.seed,
-            "stopped": self.stopped,
+            **settings,
             "dimensions": list(self.layout.names),
-            "morphology": list(self.rounds[-1].morphology) if self.rounds else None,
+            "morphology": self.model.tolist() if self.complete else None,
             "truth": None if self.truth is None else self.truth.tolist(),
             "chance": self.chance,
             "mid_range": self.mid_range,
             "nearest": self.nearest,
             "belief": None if self.belief is None else self.belief.to_dict(),
-            "rounds": [record.to_dict() for record in self.rounds],
+            **rounds,
         }

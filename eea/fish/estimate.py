@@ -26,7 +26,7 @@ from eea.fish.target import EngineTarget
 
 @dataclass(repr=False)
 class MorphologyEstimate(Result):
-    """The result of a run, with the inferred body; ``print`` shows it in words.
+    """The body that was inferred in a run or from logs; ``print`` shows it in words.
 
     Examples
     --------
@@ -38,9 +38,31 @@ class MorphologyEstimate(Result):
     #: Changes tried on a log that no body explains: an ``eea.fish.log_checks.LogCheck``.
     check: Any = None
 
+    @classmethod
+    def of(
+        cls,
+        answer: Any,
+        truth: Morphology | ArrayLike | None = None,
+        check: Any = None,
+        seed: int = 0,
+    ) -> MorphologyEstimate:
+        """Return the body of a posterior of the fish, such as one inferred from logs.
+
+        Parameters
+        ----------
+        answer
+            The posterior, an ``eea.infer.answer.Answer``.
+        truth
+            The body, if known, for OBJ_FIT.
+        check, seed
+            Changes tried on the log, and the seed of the inference.
+        """
+        body = None if truth is None else Morphology.coerce(truth).to_array()
+        return cls(None, seed, fish_problem().models, body, belief=answer, check=check)
+
     @property
     def morphology(self) -> Morphology:
-        """The last round's best model; joint inference rounds it to 1e-4 of each range.
+        """The best model; joint inference rounds it to 1e-4 of each range.
 
         So the same seed gives the same body, and the same gait, on every processor.
         """
@@ -59,9 +81,11 @@ class MorphologyEstimate(Result):
         return "\n".join(statement(self))
 
     def __repr__(self) -> str:
-        done = len(self.rounds)
         found = self.objective_fitness
-        text = f"{self.config.condition}, {done} rounds of {self.config.steps} steps"
+        text = "logs"
+        if self.config is not None:
+            done = f"{len(self.rounds)} rounds of {self.config.steps} steps"
+            text = f"{self.config.condition}, {done}"
         fitness = "" if found is None else f", OBJ_FIT {found:.3f}"
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
 

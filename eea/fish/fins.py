@@ -41,7 +41,7 @@ def fins_after(result: Result) -> Fins:
     Raises
     ------
     ConfigurationError
-        If the result has another condition than joint, or no trial.
+        If the result is of a log, has another condition than joint, or no trial.
 
     Examples
     --------
@@ -53,9 +53,9 @@ def fins_after(result: Result) -> Fins:
     """
     instance("result", result, Result)
     belief = result.belief
-    if not isinstance(belief, Answer) or not belief.robot.hidden:
+    if result.config is None or not isinstance(belief, Answer) or not belief.robot.hidden:
         raise ConfigurationError(
-            "result must be of the condition joint, after a trial from unknown fin angles"
+            "result must be of a run of the condition joint, after a trial from unknown fin angles"
         )
     best = belief.branches[0]
     theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))

@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from math import ceil
 from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, instance, integer
 from eea.core.angles import Floats
-from eea.core.config import FitConfig, JointConfig
+from eea.core.config import FitConfig
 from eea.core.floating import own_errors
-from eea.core.result import RoundRecord
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import check_groups, fish_robot
 from eea.fish.log_checks import LogCheck, check_log
 from eea.fish.prior import check_belief, noise_now, since
-from eea.fish.readings import STEP_TIME_TOLERANCE
-from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
+from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import LogWindows, Start, log_windows
 from eea.infer.answer import Answer
 from eea.infer.fit import fit
 from eea.infer.known import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
 from eea.infer.search import Optima
-from eea.infer.session import round_fit
 
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
 
@@ -83,8 +77,7 @@ def infer_log(
     Returns
     -------
     MorphologyEstimate
-        An estimate of one round for any number of trials. Its ``belief`` has the posterior, the
-        findings and the verdict.
+        The body. Its ``belief`` has the posterior, the findings and the verdict.
 
     Raises
     ------
@@ -101,17 +94,16 @@ def infer_log(
     >>> bool(found.objective_fitness > 0.99)
     True
     """
-    began = time.monotonic()
     callback("progress", progress)
     if joint is not None:
         instance("joint", joint, FitConfig)
     if flag("check", check) and (prior is not None or start is not None):
         raise InvalidArgumentError("check must be False where prior or start is given; got True")
     windows = log_windows(log, moving, start=start)
-    settings = vars(FitConfig() if joint is None else joint)
-    config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
+    config = FitConfig() if joint is None else joint
     check_groups(config.nuisances, windows)
-    body = None if truth is None else Morphology.coerce(truth).to_array()
+    if truth is not None:
+        Morphology.coerce(truth)  # raises for what is no body
     fish = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
         fish = since(fish, prior)
@@ -131,14 +123,8 @@ def infer_log(
     rng = streams(seed)["estimation"]
     doubts = doubt if check else None
     posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
-    last = windows.time[-1].max() / TIMESTEP - STEP_TIME_TOLERANCE / TIMESTEP
-    own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
-    command = windows.series[-1, own].mean(axis=0)
-    seconds = time.monotonic() - began
-    layout = fish_problem().models
-    record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     checked = found[0] if found and not posterior.good else None
-    return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)
+    return MorphologyEstimate.of(posterior, truth, checked, seed)
 
 
 def _known_noise(config: FitConfig, prior: Answer | Morphology, windows: LogWindows) -> float:

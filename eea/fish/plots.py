@@ -56,6 +56,8 @@ def fitness_figure(result: Result) -> Figure:
     axes.grid(color="0.92")
     axes.legend(loc="lower right", fontsize="small")
     config = result.config
+    if config is None:
+        raise ConfigurationError("result must be of a run, since logs have no rounds to draw")
     axes.set_title(f"{config.condition}, {config.steps} steps a trial, seed {result.seed}")
     return figure
 
@@ -96,7 +98,7 @@ def posterior_figure(result: Result) -> Figure:
     if not isinstance(belief, Answer):
         raise ConfigurationError(
             "result must have a posterior to be drawn, as the condition joint has after a round; "
-            f"got the condition {result.config.condition} without a posterior"
+            f"got the condition {result.method} without a posterior"
         )
     best = belief.branches[0]
     nuisances = [n for n in belief.robot.nuisance_list if n.name in best.parameters.names]
@@ -131,7 +133,9 @@ def posterior_figure(result: Result) -> Figure:
         _finish(axes, [n.name for n in nuisances], most, "nuisances; prior in grey")
 
     trials = len(best.parameters.slots)
-    begin = f"{trials} trial{'' if trials == 1 else 's'} of {result.config.steps} steps"
+    begin = f"{trials} trial{'' if trials == 1 else 's'}"
+    if result.config is not None:
+        begin += f" of {result.config.steps} steps"
     marked = "" if result.truth is None else ", truth (▼)"
     shown = "density, 50% and 90% interval" if belief.good else "no body fits; the best fit"
     figure.suptitle(f"{begin}, seed {result.seed}: {shown}{marked}")

@@ -14,7 +14,7 @@ WIDEST_STATED_INTERVAL = 0.5  # of a size: with a wider interval nothing is said
 
 def statement(result: Result) -> list[str]:
     """Return a result in lines, from the verdict to the sentence on the damage."""
-    if not result.rounds:
+    if not result.complete:
         return ["no round was completed"]
     return [*verdict_lines(result), *size_table(result), *belief_lines(result), *end_lines(result)]
 

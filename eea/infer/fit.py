@@ -104,7 +104,7 @@ def fit(
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
     counter = _Counter(robot, progress)
-    robot = replace(robot.varying(config.per_trial), simulate=counter)
+    robot = replace(robot, simulate=counter)
     start = (earlier and earlier.warm_start) or WarmStart()
     groups = robot.groups if config.nuisances is None else config.nuisances
 
@@ -181,8 +181,6 @@ def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
     """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
     for name in config.nuisances or ():
         choice("nuisances", name, robot.groups)
-    for name in config.per_trial:
-        choice("per_trial", name, robot.groups)
 
 
 def _least(optima: Optima) -> float:
@@ -346,7 +344,7 @@ def infer(
             f"config must have noise=None: noise is given by channel; got {config.noise:g}"
         )
     observed = Observed.of(trials, robot)
-    _check_enough(robot.varying(config.per_trial), observed, config, noise is not None)
+    _check_enough(robot, observed, config, noise is not None)
     rng = np.random.default_rng(seed)
     if noise is not None:
         known = known_noise(noise, robot)

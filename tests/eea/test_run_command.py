@@ -35,8 +35,8 @@ def config_of(*arguments: str) -> Config:
 
 def test_conditions_have_their_recommended_settings():
     assert config_of() == JointConfig()
-    assert config_of("--paper") == PaperConfig()
-    assert config_of("--paper", "--condition", "in-band") == PaperConfig("in-band")
+    assert config_of("--condition", "out-of-band") == PaperConfig()
+    assert config_of("--condition", "in-band") == PaperConfig("in-band")
     assert config_of("--condition", "ideal") == PaperConfig("ideal")
     assert config_of("--condition", "recovery") == recovery_config()
     assert recovery_config().to_dict()["condition"] == "recovery"

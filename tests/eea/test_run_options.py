@@ -9,7 +9,6 @@ from aquafish_gym.utils.storage import write_document
 from eea.__main__ import main
 from eea.cli.run import Run
 from eea.cli.study import StudyCommand
-from eea.core.checks import ConfigurationError
 from eea.core.config import GeneticConfig, InBandConfig
 from quick_run import QUICK
 
@@ -28,7 +27,6 @@ from quick_run import QUICK
             ["--genetic.elite", "3"],
             "unknown option --genetic.elite; did you mean --genetic.elites?",
         ),
-        (["--condition", "recovery", "--paper"], "--paper must not be given"),
         (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
         (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
         (["--out", ""], "--out must not be empty"),
@@ -96,12 +94,6 @@ def test_a_preset_leaves_what_was_given_at_its_default():
     assert {arm.exploration.generations for arm in study.arms.values()} == {3}
     plain = parse(StudyCommand, "study", words[:4]).study()
     assert {arm.exploration.population for arm in plain.arms.values()} == {6}
-
-
-def test_paper_does_not_override_a_condition_that_was_given():
-    assert parse(Run, "run", ["--out", "out", "--paper"]).config().condition == "out-of-band"
-    with pytest.raises(ConfigurationError, match="--paper must not be given"):
-        parse(Run, "run", ["--out", "out", "--paper", "--condition", "joint"]).config()
 
 
 def test_the_folder_of_another_program_is_refused(tmp_path, capsys):

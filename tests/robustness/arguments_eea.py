@@ -84,7 +84,7 @@ SWINGING = Robot(
 )  # fmt: skip
 RECORDED = Trial(np.zeros((64, 1)), [1.0])
 SETTINGS = {
-    "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
+    "nuisances": ("lag",), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
 #: A robot that is answered, learned and followed: a number with hidden names and a hypothesis.

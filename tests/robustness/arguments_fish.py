@@ -59,7 +59,7 @@ def listen(*_news: object) -> None:
 
 
 FIT: dict[str, Any] = {
-    "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
+    "nuisances": ("lag",), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
 ESTIMATE = MorphologyEstimate(CONFIG, 0, eea.fish_problem().models, belief=BELIEF)

@@ -20,9 +20,9 @@ import gymnasium as gym
 import aquafish_gym
 
 PACKAGES = {"aquafish", "aquafish_gym", "eea", "gait"}
-SMALL_MODEL = ("--paper", "--rounds", "1", "--steps", "16", "--estimation.population", "6",
-               "--estimation.generations", "2", "--exploration.population", "6",
-               "--exploration.generations", "2")  # fmt: skip
+SMALL_MODEL = ("--condition", "out-of-band", "--rounds", "1", "--steps", "16",
+               "--estimation.population", "6", "--estimation.generations", "2",
+               "--exploration.population", "6", "--exploration.generations", "2")  # fmt: skip
 
 SMALL_SEARCH = ("--generations", "1", "--population", "10", "--poses", "0", "--paper",
                 "--seconds", "0.2")  # fmt: skip

@@ -69,7 +69,7 @@ class Swinging:
         return RecordedLog(gyro=felt + self._sigma * self._rng.normal(size=felt.shape))
 
 
-def infer(seed=0, motor=1.0, **settings):
+def infer(seed=0, motor=1.0, robot=SWING, **settings):
     """Return the result of a small run; ``settings`` are of ``JointConfig``."""
     config = replace(CONFIG, **settings)
-    return JointInference(Swinging(seed, motor), SWING, PROBLEM, config, seed, TRUTH).run()
+    return JointInference(Swinging(seed, motor), robot, PROBLEM, config, seed, TRUTH).run()

@@ -496,18 +496,6 @@ def test_a_hypothesis_may_move_a_nuisance_beyond_its_usual_spread(each_trial):
     assert infer(robot, [measured(rng)]).probability("nothing is broken") > 0.9
 
 
-def test_a_group_that_settings_let_vary_is_as_if_the_robot_said_so():
-    rng = np.random.default_rng(16)
-    nuisances = {"bias": Normal(0.0, 0.02)}
-    robot = replace(CART, nuisances=nuisances, hypotheses=[HEAVIER, SENSOR_OFF])
-    trials = [measured(rng, bias=bias) for bias in (0.0, 0.02)]
-    by_settings = robot.infer(trials, config=replace(QUICK, per_trial=("bias",)))
-    by_robot = infer(replace(robot, each_trial=("bias",)), trials)
-    assert "bias@2" in by_settings.table()
-    assert by_settings.table() == by_robot.table()
-    assert by_settings.findings == by_robot.findings
-
-
 def test_causes_that_fit_alike_are_one_sentence_with_the_trial_that_would_tell():
     alike = Hypothesis(
         "a weight hangs below", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1, hint="turn"

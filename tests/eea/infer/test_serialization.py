@@ -13,12 +13,14 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
 from eea.core.checks import ConfigurationError
 from eea.infer.file import to_arrays
-from swing import infer
+from swing import SWING, infer
+
+DRIFTING = replace(SWING, each_trial=("bias",))
 
 
 @pytest.fixture(scope="module")
 def result():
-    return infer(alternatives="always", per_trial=("bias",))
+    return infer(robot=DRIFTING, alternatives="always")
 
 
 @pytest.fixture
@@ -57,7 +59,7 @@ def test_angles_of_a_trial_that_there_is_not_are_refused(result, trial):
 
 @pytest.mark.parametrize("motor", [1.0, 0.0])
 def test_posterior_survives_a_file_to_the_bit(path, motor):
-    belief = infer(motor=motor, alternatives="always", per_trial=("bias",)).belief
+    belief = infer(motor=motor, robot=DRIFTING, alternatives="always").belief
     assert (belief.branches[0].hypothesis.name == "the motor is dead") == (motor == 0.0)
     save_posterior(path, belief)
     found = load_posterior(path)

@@ -62,10 +62,9 @@ def test_session_stops_once_intervals_are_narrow():
     assert infer(max_interval_width=0.0).stopped == "rounds"
 
 
-@pytest.mark.parametrize("settings", [{"nuisances": ("bios",)}, {"per_trial": ("motor",)}])
-def test_unknown_nuisances_are_refused(settings):
-    with pytest.raises(ConfigurationError, match=next(iter(settings))):
-        infer(**settings)
+def test_unknown_nuisances_are_refused():
+    with pytest.raises(ConfigurationError, match="nuisances"):
+        infer(nuisances=("bios",))
 
 
 def test_signal_must_be_finite():
