@@ -19,6 +19,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "infer.robot": ["Robot"],
         "infer.statement": ["Hypothesis", "Normal", "Nuisance"],
         "infer.trials": ["Trial"],
-        "study.presets": ["FIGURES", "figure_config"],
+        "study.arms": ["FIGURES", "figure_config"],
     },
 )

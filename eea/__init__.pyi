@@ -6,5 +6,5 @@ from .infer.statement import Hypothesis as Hypothesis
 from .infer.statement import Normal as Normal
 from .infer.statement import Nuisance as Nuisance
 from .infer.trials import Trial as Trial
-from .study.presets import FIGURES as FIGURES
-from .study.presets import figure_config as figure_config
+from .study.arms import FIGURES as FIGURES
+from .study.arms import figure_config as figure_config

@@ -239,7 +239,7 @@ def _model(job: Treatment) -> AssumedRobot:
     config = job.eea
     if job.spec.model != "joint":
         assert isinstance(config, PaperConfig)
-        config = replace(config, condition=job.spec.model)
+        config = config.under(job.spec.model)
     hidden, gap = streams(job.seed)["target"], RealityGap(gyro_noise=job.gyro_noise)
     engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)

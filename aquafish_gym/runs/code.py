@@ -1,8 +1,9 @@
 """A hash of the code that computes a result, so that no folder mixes results of two versions.
 
-The hash covers a function's module, every module that it imports, also inside functions and by a
-name in quotes, and the data files of their packages. It reads the files that this process imports,
-and is the same for a clone, an editable installation and a wheel.
+The hash covers a function's module, every module of ours that it imports, also inside functions and
+by a name in quotes, and the data files of their packages; of a function of one's own also the
+modules beside it. It reads the files that this process imports, and is the same for a clone, an
+editable installation and a wheel.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from importlib.util import find_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any
 
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "experiments", "gait", "instruments")
@@ -23,6 +25,7 @@ PACKAGES = ("aquafish", "aquafish_gym", "eea", "experiments", "gait", "instrumen
 WITHOUT_RESULTS = frozenset(
     {"cli", "drawing", "figures", "page", "plots", "rendering", "report", "runs", "viewer"}
 )
+INSTALLED = ("site-packages", "dist-packages")
 DATA = (".ini", ".json")  # endings of files beside the modules, or in a folder "data" there
 DIGITS = 16  # of the hash
 
@@ -55,7 +58,8 @@ def code_of(root: str) -> dict[str, bytes]:
     todo: list[Name] = [(root, None)]
     while todo:
         name = todo.pop()
-        if name in seen or not (name[0] == root or _computes(name[0])):
+        own = name[0] == root or _computes(name[0]) or _beside(name[0], root)
+        if name in seen or not own:
             continue
         seen.add(name)
         module, attribute = _defined(*name)
@@ -92,6 +96,31 @@ def _computes(module: str) -> bool:
     """Return whether results can depend on a module."""
     parts = module.split(".")
     return parts[0] in PACKAGES and WITHOUT_RESULTS.isdisjoint(parts)
+
+
+def _beside(module: str, root: str) -> bool:
+    """Return whether a module stands in the folder of a function of one's own, such as its helpers.
+
+    Of an installed function only the modules of its package do.
+    """
+    tops = [name.partition(".")[0] for name in (module, root)]
+    if not set(PACKAGES).isdisjoint(tops):
+        return False
+    if tops[0] == tops[1]:
+        return True
+    there, here = map(_folder, tops)
+    return there is not None and there == here and here.name not in INSTALLED
+
+
+def _folder(top: str) -> Path | None:
+    """Return the folder in which a module or package without dots stands; None for no file."""
+    spec = _spec(top)
+    if spec is None:
+        return None
+    inside = list(spec.submodule_search_locations or ())
+    if not (inside or spec.has_location):
+        return None
+    return Path(inside[0] if inside else str(spec.origin)).parent
 
 
 def _defined(module: str, attribute: str | None) -> Name:

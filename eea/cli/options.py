@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from types import GenericAlias
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 from aquafish_gym.runs.command_line import option_name
-from eea.core.checks import ConfigurationError
 from eea.core.config import (
-    CONDITIONS,
-    OUT_OF_BAND,
-    Config,
     EstimationConfig,
     ExplorationConfig,
     FitConfig,
     GeneticConfig,
     InBandConfig,
-    JointConfig,
     OutOfBandConfig,
 )
-
-_PARTS: dict[str, tuple[str, ...]] = {
-    "exploration": (*CONDITIONS, "recovery"),
-    "estimation": (*CONDITIONS, "recovery"),
-    "genetic": (*CONDITIONS, "recovery"),
-    "in_band": ("in-band",),
-    "out_of_band": OUT_OF_BAND,
-    "joint": ("joint",),
-}
 
 
 @dataclass(frozen=True)
@@ -42,44 +29,60 @@ class AlgorithmOptions:
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
     joint: FitConfig = field(default_factory=FitConfig)
 
-    def over(self, configs: Mapping[str, Config], given: Container[str] = ()) -> dict[str, Config]:
-        """Return named configurations with every setting that was given.
+    def changes(self, given: Container[str] = ()) -> dict[str, Any]:
+        """Return every setting that was given, by name, such as "in_band.best".
 
         A setting was given if it differs from its default, or if its option, such as
         "out-of-band.revisit", is in ``given``.
-
-        Raises
-        ------
-        ConfigurationError
-            If a setting belongs to a condition that none of them has, or contradicts another.
         """
-        conditions = {config.condition for config in configs.values()}
-        changes = {part: _changes(part, getattr(self, part), given) for part in _PARTS}
-        for part, having in _PARTS.items():
-            if changes[part] and conditions.isdisjoint(having):
-                name = f"{part}.{next(iter(changes[part]))}"
-                raise ConfigurationError(
-                    f"{name} is for the condition {' or '.join(having)}; got "
-                    f"{', '.join(sorted(conditions))}"
-                )
-        return {name: _over(config, changes) for name, config in configs.items()}
+        return {name: value for name, value, _ in self._given(given)}
+
+    def values(self, given: Container[str] = ()) -> dict[str, tuple[Any, ...]]:
+        """Return the values of every setting that was given, of options made by `several`."""
+        found = {}
+        for name, value, default in self._given(given):
+            if default == (False,):
+                found[name] = value or (True,)  # a flag without a word
+            else:
+                found[name] = value if isinstance(default, tuple) else (value,)
+        return found
+
+    def _given(self, given: Container[str]) -> Iterator[tuple[str, Any, Any]]:
+        """Yield the name, the value and the default of every setting that was given."""
+        for part in fields(self):
+            for one in fields(getattr(self, part.name)):
+                name = f"{part.name}.{one.name}"
+                value = getattr(getattr(self, part.name), one.name)
+                if value != one.default or option_name(name) in given:
+                    yield name, value, one.default
 
 
-def _over(config: Config, changes: Mapping[str, Mapping[str, Any]]) -> Config:
-    """Return a configuration with the changes of those parts that its condition has."""
-    if isinstance(config, JointConfig):
-        return replace(config, **changes["joint"])
-    parts = [part for part, having in _PARTS.items() if config.condition in having]
-    return replace(
-        config, **{part: replace(getattr(config, part), **changes[part]) for part in parts}
+def several(options: type[Any]) -> type[Any]:
+    """Return a class of options whose settings have several values each: tuples of the type.
+
+    A setting that is a tuple itself remains one value. The values are checked where they are used.
+    """
+    hints = get_type_hints(options)
+    made: list[tuple[str, Any, Any]] = []
+    for one in fields(options):
+        kind = hints[one.name]
+        if is_dataclass(kind):
+            part = several(kind)  # type: ignore[arg-type]
+            made.append((one.name, part, field(default_factory=part)))
+        elif any(get_origin(each) is tuple for each in (kind, *get_args(kind))):
+            made.append((one.name, kind, field(default=one.default)))
+        else:
+            several_values = GenericAlias(tuple, (kind, ...))
+            made.append((one.name, several_values, field(default=(one.default,))))
+    unchecked = {"__post_init__": lambda _self: None}
+    found = make_dataclass(
+        options.__name__, made, bases=(options,), frozen=True, namespace=unchecked
     )
+    found.__module__ = options.__module__  # where tyro finds the comments that explain the options
+    return found
 
 
-def _changes(part: str, settings: Any, given: Container[str]) -> dict[str, Any]:
-    """Return the fields of a dataclass that are given or not at their default, by name."""
-    values = {each.name: (getattr(settings, each.name), each.default) for each in fields(settings)}
-    return {
-        name: value
-        for name, (value, default) in values.items()
-        if value != default or option_name(f"{part}.{name}") in given
-    }
+if TYPE_CHECKING:
+    SeveralOptions = AlgorithmOptions
+else:
+    SeveralOptions = several(AlgorithmOptions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
@@ -23,7 +23,7 @@ from aquafish_gym.utils.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
-from eea.core.config import Config, config_for
+from eea.core.config import Condition, Config, check_read, config_for, with_settings
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
@@ -34,7 +34,6 @@ STOP_REASONS = {
     "rounds": "all rounds are done",
     "narrow": "all intervals are narrow enough",
 }
-Method = Literal["joint", "out-of-band", "in-band", "ideal", "none", "recovery"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Run(Given):
     #: Inference of the hidden fin angles. "joint" infers body, angles and nuisances together, with
     #: intervals. The others are the paper's; "recovery" is out-of-band inference with the settings
     #: of the case study.
-    condition: Method = "joint"
+    condition: Condition = "joint"
     steps: int = 256  #: Length of a trial in steps of 0.01 s; a power of two, except for joint.
     #: Trials of the target, one a round; by default 3 for joint, 16 for recovery, 25 otherwise.
     rounds: int | None = None
@@ -77,7 +76,10 @@ class Run(Given):
         base = config_for(self.condition)
         rounds = base.rounds if self.rounds is None else self.rounds
         base = replace(base, steps=self.steps, rounds=rounds)
-        return self.settings.over({self.condition: base}, self.given)[self.condition]
+        changes = self.settings.changes(self.given)
+        check_read(changes, {self.condition})
+        config: Config = with_settings(base, changes)
+        return config
 
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""
@@ -115,7 +117,7 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             task = bar.add_task("", total=session.config.rounds)
             for record in session:
                 write_outcome(folder, session.result)
-                console.print(_round_line(record, session.result, session.config.rounds))
+                console.print(_round_line(record, session.result))
                 bar.update(task, advance=1)
     finally:
         result = session.result
@@ -133,13 +135,14 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             console.print(line)
 
 
-def _round_line(record: RoundRecord, result: Result, rounds: int) -> str:
+def _round_line(record: RoundRecord, result: Result) -> str:
+    assert result.config is not None
     found = f"best MOD_FIT {record.model_fitness:6.3f}"
     if result.belief is not None:
         width = 100.0 * result.width(STATED_MASS)
         found = f"{STATED_MASS:.0%} intervals {width:.2g}% of the ranges wide"
         if not result.belief.good:
             found = "no body explains the trials"
-    counted = f"{record.round:2d}/{rounds}"
+    counted = f"{record.round:2d}/{result.config.rounds}"
     fitness = record.objective_fitness
     return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

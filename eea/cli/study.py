@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
-from tyro.conf import arg
+from tyro.conf import FlagCreatePairsOff, arg
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
@@ -24,11 +25,13 @@ from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import printable
-from eea.cli.options import AlgorithmOptions
+from eea.cli.options import SeveralOptions
 from eea.core.checks import ConfigurationError
-from eea.core.config import Condition, Config, config_for
+from eea.core.config import Condition
 from eea.fish import RealityGap
-from eea.study.presets import ARMS, FIGURE_ARMS, smoke
+from eea.study.arms import ARMS, FIGURE_ARMS, variants
+from eea.study.method import ArmConfig, MethodConfig
+from eea.study.presets import smoke
 from eea.study.replicate import StudyWorld, replicate, warm_up_replicates
 from eea.study.study import Study, extended, write_description
 
@@ -41,7 +44,8 @@ _PAPERS_STEPS = (128, 256, 512, 1024)
 class StudyCommand(Given):
     """Make the paper's figures, or compare conditions: many replicates of several arms.
 
-    --figure or --conditions selects the arms. --out receives study.json (the plan),
+    --figure or --conditions selects the arms, and --method adds one's own. Several values of a
+    setting, such as --in-band.best 3 5, make an arm for each. --out receives study.json (the plan),
     runs/ARM/STEPS/SEED.json (one for each finished replicate) and, at the end, results.csv,
     summary.md and figures. The same command resumes an interrupted study; a command with more
     seeds, steps or arms extends it.
@@ -49,8 +53,8 @@ class StudyCommand(Given):
 
     example: ClassVar[str] = "--figure 9 --replicates 5 --out out/study"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "figure", "conditions", "preset", "steps", "replicates", "seed", "damage", "workers",
-        "scheduler",
+        "out", "figure", "conditions", "method", "preset", "steps", "replicates", "seed", "damage",
+        "workers", "scheduler",
     )  # fmt: skip
 
     out: Out = Path("out/study")
@@ -58,6 +62,9 @@ class StudyCommand(Given):
     figure: tuple[Figure, ...] | None = None
     #: Conditions to compare instead, with default settings, one arm each.
     conditions: tuple[Condition, ...] | None = None
+    #: Methods of one's own beside them, each an arm: functions of the target, the number of rounds,
+    #: the seed and the settings that yield a body a round (docs/howto/method.md).
+    method: Annotated[tuple[str, ...] | None, arg(metavar="MODULE:FUNCTION")] = None
     #: smoke makes everything very small, as a trial run; other options override it.
     preset: Literal["smoke"] | None = None
     #: Lengths of trials in steps of 0.01 s, powers of two; every arm runs with each. The paper's
@@ -68,9 +75,11 @@ class StudyCommand(Given):
     #: The first seed. Hidden angles follow from the seed alone, so arms are compared in pairs.
     seed: Annotated[int, arg(aliases=("--first-seed",))] = 0
     #: Commands that the target performs in each replicate; 25 by default, for smoke 3.
-    rounds: int | None = None
-    settings: Annotated[AlgorithmOptions, arg(name="")] = field(default_factory=AlgorithmOptions)
+    rounds: tuple[int, ...] | None = None
+    settings: Annotated[SeveralOptions, arg(name="")] = field(default_factory=SeveralOptions)
     damage: AnyDamage = "none"
+    #: The held-out damages of the list "recovery" in place of --damage: each seed has the next.
+    held_out: FlagCreatePairsOff[bool] = False
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"
     #: Velocity of the water, units/s, for target and models.
@@ -88,17 +97,15 @@ class StudyCommand(Given):
 
     def study(self) -> Study:
         """Return the study that the options describe."""
-        for name, values in (("steps", self.steps), ("format", self.format)):
+        for name, values in (
+            ("steps", self.steps), ("format", self.format), ("rounds", self.rounds),
+        ):  # fmt: skip
             if values == ():
                 raise ConfigurationError(f"--{name} must have one value or more; got none")
         small = self.preset == "smoke"
-        arms = self._arms()
-        if small:
-            arms = {name: smoke(arm) for name, arm in arms.items()}
         return Study(
-            arms=self.settings.over(arms, self.given),
+            arms=self._arms(),
             steps=self.steps or ((128,) if small else _PAPERS_STEPS),
-            rounds=(3 if small else 25) if self.rounds is None else self.rounds,
             first_seed=self.seed,
             replicates=(2 if small else 25) if self.replicates is None else self.replicates,
             world=StudyWorld(
@@ -107,23 +114,36 @@ class StudyCommand(Given):
                 resolve_engine("target_engine", self.target_engine),
                 self.current,
                 self.gap,
+                self.held_out,
             ),
         )
 
-    def _arms(self) -> dict[str, Config]:
-        """Return the arms of the paper's figures or of the conditions, by name."""
+    def _arms(self) -> dict[str, ArmConfig]:
+        """Return the arms of the paper's figures, of the conditions and of the methods, by name."""
         figure = self.figure
-        if self.preset == "smoke" and figure is None and self.conditions is None:
+        small = self.preset == "smoke"
+        if small and not (figure or self.conditions or self.method):
             figure = ("all",)
-        if bool(figure) == bool(self.conditions):
+        if bool(figure and self.conditions) or not (figure or self.conditions or self.method):
             raise ConfigurationError(
-                "either --figure or --conditions must have one value or more, as --figure all; "
-                "--preset smoke needs neither"
+                "either --figure or --conditions must have one value or more, as --figure all, or "
+                "--method one; --preset smoke needs none"
             )
-        if figure:
-            names = FIGURE_ARMS if "all" in figure else figure
-            return {FIGURE_ARMS[name]: ARMS[FIGURE_ARMS[name]] for name in names}
-        return {condition: config_for(condition) for condition in self.conditions or ()}
+        numbers = FIGURE_ARMS if "all" in (figure or ()) else figure or ()
+        arms = [FIGURE_ARMS[number] for number in numbers]
+        arms += [ARMS[condition] for condition in self.conditions or ()]
+        found = {arm.name: smoke(arm.config) if small else arm.config for arm in arms}
+        _add_folder()
+        for place in self.method or ():
+            name = place.rpartition(":")[2].replace("_", "-")
+            if name in (*ARMS, *found):
+                raise ConfigurationError(
+                    f"--method must have functions of different names, and none of a condition; "
+                    f"got {place}"
+                )
+            found[name] = MethodConfig.of(place)
+        rounds = self.rounds or ((3,) if small else (25,))
+        return variants(found, {**self.settings.values(self.given), "rounds": rounds})
 
     def execute(self) -> None:
         """Make the replicates that are missing, and write the study's report.
@@ -150,6 +170,12 @@ class StudyCommand(Given):
             if len(failures) < len(jobs):
                 _report(folder, self.format)
             exit_if_failed(failures)
+
+
+def _add_folder() -> None:
+    """Let methods be imported from the current folder, after all others."""
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
 
 
 def _objective_fitness(result: dict[str, Any]) -> str:

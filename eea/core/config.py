@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Literal, get_args
 
@@ -19,12 +20,20 @@ from eea.core.checks import (
 
 Coding = Literal["gray", "binary"]
 Crossover = Literal["uniform", "two-point"]
-PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
-Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
-CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
-OUT_OF_BAND = ("out-of-band", "recovery")  # conditions that infer the angles between generations
+Condition = Literal["ideal", "none", "in-band", "out-of-band", "recovery", "joint"]
+CONDITIONS: tuple[Condition, ...] = ("ideal", "none", "in-band", "out-of-band")  # the paper's
 MAXIMUM_TRIAL_STEPS = 2**20  # samples; the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
+# Parts of the settings -> the conditions that read them.
+READERS: dict[str, tuple[Condition, ...]] = {
+    "exploration": (*CONDITIONS, "recovery"),
+    "estimation": (*CONDITIONS, "recovery"),
+    "genetic": (*CONDITIONS, "recovery"),
+    "in_band": ("in-band",),
+    "out_of_band": ("out-of-band", "recovery"),
+    "joint": ("joint",),
+}
+OUT_OF_BAND = READERS["out_of_band"]  # infer the angles between generations
 FALSE_ALARM_RATE = 1e-3  # of a test whether residuals are noise
 MAXIMUM_SIZE = 10**6  # limit of sizes in a search, to refuse typing errors at once
 
@@ -147,7 +156,7 @@ class PaperConfig:
     #: What is known of the hidden angles: "ideal" knows them, "none" assumes zero, "in-band" and
     #: "out-of-band" infer them. "recovery" is "out-of-band" with the settings of
     #: :func:`recovery_config`, by their own name.
-    condition: PaperCondition | Literal["recovery"] = "out-of-band"
+    condition: Condition = "out-of-band"
     #: Length of a trial in samples, a power of two.
     steps: int = whole_field(256, 2, MAXIMUM_TRIAL_STEPS)
     rounds: int = whole_field(25, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
@@ -158,19 +167,21 @@ class PaperConfig:
     out_of_band: OutOfBandConfig = OutOfBandConfig()
 
     def __post_init__(self) -> None:
-        choice("condition", self.condition, (*CONDITIONS, "recovery"))
+        choice("condition", self.condition, READERS["estimation"])
         check_fields(self)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
         models = self.estimation.population
         populations = {"exploration.population": self.exploration.population}
         populations["estimation.population"] = models
+        for part, default in self._unread(self.condition).items():
+            if getattr(self, part) != default:
+                raise ConfigurationError(
+                    f"{part} is for the condition {' or '.join(READERS[part])}; got "
+                    f"{getattr(self, part)} with {self.condition}"
+                )
         if self.condition == "in-band":
             at_most("in_band.best", self.in_band.best, "estimation.population", models)
-        elif self.in_band != InBandConfig():
-            raise ConfigurationError(
-                f"in_band is for the condition in-band; got {self.in_band} with {self.condition}"
-            )
         if self.condition in OUT_OF_BAND:
             judges = self.out_of_band.sampled_models or 0
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
@@ -178,6 +189,26 @@ class PaperConfig:
         for name, population in populations.items():
             # With elites alone no generation would differ from the first.
             at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
+
+    def under(self, condition: Condition) -> PaperConfig:
+        """Return these settings under another condition, without those that it does not read.
+
+        Examples
+        --------
+        >>> recovery_config().under("none").out_of_band == OutOfBandConfig()
+        True
+        """
+        unread: dict[str, Any] = self._unread(condition)
+        return replace(self, condition=condition, **unread)
+
+    @staticmethod
+    def _unread(condition: str) -> dict[str, InBandConfig | OutOfBandConfig]:
+        """Return the parts that a condition does not read, at their defaults."""
+        parts: dict[str, InBandConfig | OutOfBandConfig] = {
+            "in_band": InBandConfig(),
+            "out_of_band": OutOfBandConfig(),
+        }
+        return {name: part for name, part in parts.items() if condition not in READERS[name]}
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""
@@ -291,9 +322,43 @@ def config_for(condition: str = "joint", **settings: Any) -> Config:
     >>> config_for("none", rounds=4).rounds, config_for("joint").rounds
     (4, 3)
     """
-    choice("condition", condition, (*get_args(Condition), "recovery"))
+    choice("condition", condition, get_args(Condition))
     if condition == "joint":
         return JointConfig(**settings)
     if condition == "recovery":
         return replace(RECOVERY, **settings)
     return PaperConfig(condition=condition, **settings)  # type: ignore[arg-type]
+
+
+def reads(condition: str, setting: str) -> bool:
+    """Return whether a condition reads a setting by name, such as "in_band.best" or "rounds"."""
+    part, dot, _ = setting.partition(".")
+    return not dot or condition in READERS[part]
+
+
+def check_read(settings: Iterable[str], conditions: Collection[str]) -> None:
+    """Raise ConfigurationError for a setting, such as "in_band.best", that no condition reads."""
+    for name in settings:
+        if not any(reads(condition, name) for condition in conditions):
+            raise ConfigurationError(
+                f"{name} is for the condition {' or '.join(READERS[name.partition('.')[0]])}; got "
+                f"{', '.join(sorted(conditions))}"
+            )
+
+
+def with_settings(config: Any, settings: Mapping[str, Any]) -> Any:
+    """Return a configuration with settings by name that its condition reads.
+
+    Examples
+    --------
+    >>> with_settings(PaperConfig("in-band"), {"in_band.best": 5, "rounds": 3}).in_band.best
+    5
+    """
+    changes: dict[str, Any] = {}
+    for name, value in settings.items():
+        part, dot, own = name.partition(".")
+        if not dot or part == "joint":
+            changes[own or name] = value
+        else:
+            changes[part] = replace(changes.get(part, getattr(config, part)), **{own: value})
+    return replace(config, **changes)

@@ -241,6 +241,7 @@ class Result:
             "dimensions": list(self.layout.names),
             "morphology": self.model.tolist() if self.complete else None,
             "truth": None if self.truth is None else self.truth.tolist(),
+            "objective_fitness": self.objective_fitness,
             "chance": self.chance,
             "mid_range": self.mid_range,
             "nearest": self.nearest,

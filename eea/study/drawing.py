@@ -12,26 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.optimize import isotonic_regression
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart, and a wine red.
-_STYLES: dict[str, tuple[str, Any]] = {
-    "ideal": ("#009E73", "-"),
-    "none": ("#D55E00", "--"),
-    "in-band": ("#CC79A7", "-."),
-    "in-band-200": ("#E69F00", ":"),
-    "out-of-band": ("#0072B2", (0, (5, 1, 1, 1, 1, 1))),
-    "out-of-band-100": ("#56B4E9", (0, (3, 1))),
-    "joint": ("#882255", (0, (8, 1))),
-}
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY = "0.35"
 SMALL_FONT = 8  # points
 GUESS_LINES = {"random bodies": "--", "mid-range body": ":", "quantisation limit": "-"}
 _NAME = 0.08  # share of the axes' height for a name of two small lines
-
-
-def arm_style(arm: str) -> tuple[str, Any]:
-    """Return the colour and the dash of an arm, equal in every study."""
-    return _STYLES.get(arm, ("#000000", "-"))
 
 
 def duration_colour(steps: int, durations: Sequence[int]) -> Any:

@@ -14,12 +14,11 @@ from matplotlib.ticker import MultipleLocator
 from aquafish_gym.morphology import FINS
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.angles import Floats
-from eea.study.arms import FIGURE_NAMES, angle_label, spoken
+from eea.study.arms import Arm, angle_label, spoken
 from eea.study.drawing import (
     GREY,
     GUESS_LINES,
     MARKERS,
-    arm_style,
     draw_levels,
     duration_colour,
     grid,
@@ -52,15 +51,19 @@ def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str
     """Return every figure that the study's numbers allow, by name."""
     arms = results.arms
     figures = {
-        FIGURE_NAMES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
+        _figure_name(results.plan[arm]): rounds_figure(results, summary, arm) for arm in arms
     }
     figures["final"] = final_figure(results, summary)
     if any(summary["dimension_error"].values()):
         figures["conditions"] = conditions_figure(results, summary)
         figures["dimensions"] = dimensions_figure(results, summary)
-        if any(results.conditions[arm] != "ideal" for arm in arms):
+        if any(results.plan[arm].infers_angles for arm in arms):
             figures["angles"] = angles_figure(results)
     return figures
+
+
+def _figure_name(arm: Arm) -> str:
+    return f"rounds-{arm.name}" if arm.figure is None else f"fig{arm.figure}"
 
 
 def rounds_figure(results: StudyResults, summary: Mapping[str, Any], arm: str) -> Figure:
@@ -72,6 +75,7 @@ def rounds_figure(results: StudyResults, summary: Mapping[str, Any], arm: str) -
     every = results.durations()
     for steps in results.durations(arm):
         curves = results.curves(arm, "obj_fit", [steps])
+        curves = curves.loc[:, : results.plan[arm].config.rounds]
         counts.append(len(curves))
         mean = curves.mean()
         deviation = curves.std()
@@ -186,22 +190,20 @@ def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = Fa
 
     Labels give the number n of replicates of each arm.
     """
-    arms = results.arms
-    number = np.arange(1, results.rounds + 1)
-    if angles:
-        arms = [arm for arm in arms if results.conditions[arm] != "ideal"]
-    for arm in arms:
-        curves = results.curves(arm, column).to_numpy()
-        label = results.labels[arm]
-        if not len(curves):
+    for arm in [results.plan[name] for name in results.arms]:
+        curves = results.curves(arm.name, column).to_numpy()[:, : arm.config.rounds]
+        if not len(curves) or (angles and not arm.infers_angles):
             continue
+        label = arm.label
         if angles:
             curves = np.degrees(curves)
-            label = angle_label(label, results.conditions[arm])
-        colour, line = arm_style(arm)
-        axes.fill_between(number, *curve_interval(curves), color=colour, alpha=0.15, lw=0)
+            label = angle_label(arm)
+        number = np.arange(1, curves.shape[1] + 1)
+        low, high = curve_interval(curves)
+        axes.fill_between(number, low, high, color=arm.colour, alpha=0.15, lw=0)
         label = f"{label} (n = {len(curves)})"
-        axes.plot(number, curves.mean(axis=0), color=colour, ls=line, lw=1.6, label=label)
+        mean = curves.mean(axis=0)
+        axes.plot(number, mean, color=arm.colour, ls=arm.dash, lw=1.6, label=label)
 
 
 def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]) -> None:

@@ -7,14 +7,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
-from eea.core.config import Config
+from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
+from eea.study.method import ArmConfig, MethodConfig, MethodSettings, method_rounds
 from eea.study.presets import smoke
 
 RUNS_FOLDER = "runs"
+HELD_OUT = "recovery"  # list of held-out damages
+NO_DAMAGE = Damage.parse("none")
 MASSES = (0.5, 0.8, 0.9)  # probabilities of the intervals with measured coverage
 
 
@@ -41,12 +45,27 @@ class StudyWorld:
     """The target of a study, and the water of target and models."""
 
     morphology: Morphology  #: The target's body before the damage.
-    damage: Damage
+    damage: Damage = NO_DAMAGE
     target_engine: str = "numba"
     #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
+    #: Whether the damage is, seed by seed, the next one of the held-out list ``HELD_OUT``.
+    held_out: bool = False
+
+    def __post_init__(self) -> None:
+        if self.held_out and self.damage:
+            raise ConfigurationError(
+                f"damage must be none with held_out, which has its own; got {self.damage}"
+            )
+
+    def damage_of(self, seed: int) -> Damage:
+        """Return the damage of the target of a seed."""
+        if not self.held_out:
+            return self.damage
+        damages = held_out(HELD_OUT)
+        return Damage.parse(damages[seed % len(damages)])
 
 
 @dataclass(frozen=True)
@@ -57,7 +76,7 @@ class Replicate:
     """
 
     arm: str
-    config: Config
+    config: ArmConfig
     seed: int
     world: StudyWorld
 
@@ -74,36 +93,50 @@ class Replicate:
     def file(self) -> str:
         return self.key.file
 
+    def target(self) -> EngineTarget:
+        """Return the target before its first trial; raises as ``EngineTarget``."""
+        world = self.world
+        return EngineTarget(
+            world.morphology, world.damage_of(self.seed), streams(self.seed)["target"],
+            self.config.steps, world.target_engine, world.current, gap=world.gap,
+        )  # fmt: skip
+
     def session(self) -> Session[Any]:
-        """Return the session before its first round.
+        """Return the session of a condition before its first round.
 
         Raises
         ------
         InvalidArgumentError, EngineUnavailableError, ConfigurationError
             If a setting is wrong or an engine is not installed.
         """
-        world = self.world
-        rng = streams(self.seed)["target"]
-        target = EngineTarget(
-            world.morphology, world.damage, rng, self.config.steps, world.target_engine,
-            world.current, gap=world.gap,
-        )  # fmt: skip
+        assert not isinstance(self.config, MethodConfig)
+        target = self.target()
         return fish_eea(
-            target, self.config, self.seed, target.morphology, current=world.current, threads=1
-        )
+            target, self.config, self.seed, target.morphology, current=self.world.current,
+            threads=1,
+        )  # fmt: skip
 
 
 def warm_up_replicates(jobs: Sequence[Replicate]) -> None:
     """Refuse wrong settings, and run small replicates so that the kernels are compiled.
 
-    Raises as ``Replicate.session``.
+    Raises as ``replicate``.
     """
     for job in {(job.arm, job.config.steps): job for job in jobs}.values():
-        job.session()
-    # one replicate of each method
-    first = {job.config.condition == "joint": job for job in reversed(jobs)}
+        if isinstance(job.config, MethodConfig):
+            job.target()
+        else:
+            job.session()
+    # one replicate of each kind of condition, and of each method
+    first = {_kind(job.config): job for job in reversed(jobs)}
     for job in first.values():
         replicate(replace(job, config=replace(smoke(job.config), rounds=2)))
+
+
+def _kind(config: ArmConfig) -> str:
+    if isinstance(config, MethodConfig):
+        return config.function
+    return "joint" if config.condition == "joint" else "paper"
 
 
 def replicate(job: Replicate) -> dict[str, Any]:
@@ -112,8 +145,12 @@ def replicate(job: Replicate) -> dict[str, Any]:
     The records have no times, so that equal jobs give equal results. The condition joint adds
     ``belief``: the ``coverage`` of its intervals (the share of true sizes inside, by mass), their
     mean ``width`` as a share of the ranges, whether the fit is ``good``, and its ``verdict``.
-    Raises as ``Replicate.session``.
+    Raises as ``Replicate.session`` and ``method_rounds``.
     """
+    if isinstance(job.config, MethodConfig):
+        settings = MethodSettings(job.config.steps, job.world.current)
+        rounds = method_rounds(job.config, job.target(), job.seed, settings)
+        return {**job.key._asdict(), "stopped": "rounds", "rounds": rounds}
     session = job.session()
     records = [record.to_dict() for record in session]
     for record in records:

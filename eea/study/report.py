@@ -98,7 +98,7 @@ def _fitness(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
                 "durations; the mean of the durations' SDs is in brackets."
             )
         cells = [str(fit["replicates"]), f"{fit['mean']:.3f}", sd, _interval(fit["interval"])]
-        shown = f"{model['mean']:.3f}".replace("-", MINUS)
+        shown = "" if model is None else f"{model['mean']:.3f}".replace("-", MINUS)
         rows.append([results.labels[row["arm"]], name, *cells, _signed_mean(row["rise"]), shown])
     since = f"rise since round {summary['rise_since_round']}"
     columns = ["condition", "duration", "replicates", "mean", "SD", "95% interval", since]
@@ -154,9 +154,8 @@ def _dimensions(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
 def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
     rows = []
     for arm, fins in summary["angle_error"].items():
-        condition = results.conditions[arm]
-        if condition != "ideal" and fins:
-            row = [angle_label(results.labels[arm], condition)]
+        if results.plan[arm].infers_angles and fins:
+            row = [angle_label(results.plan[arm])]
             for error in fins.values():
                 ends = error["interval"] and [degrees(end) for end in error["interval"]]
                 row.append(f"{degrees(error['mean']):.1f} {_interval(ends, 1)}".rstrip())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,9 +24,10 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
-from eea.study.arms import arm_label, arm_order, changed_choices, spoken
+from eea.study.arms import Arm, spoken, study_arms
+from eea.study.method import MethodConfig
 from eea.study.replicate import RUNS_FOLDER, ReplicateKey
-from eea.study.study import read_description, replicate_keys, target_of
+from eea.study.study import read_description, replicate_keys, targets_of
 
 RESULTS_FILE = "results.csv"
 MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv, two million rounds
@@ -37,12 +38,14 @@ ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
 _NUMBERS = ("round", "objective_fitness", "model_fitness", "action_fitness", "trials")
-_LISTS = ("angle_error", "dimension_error", "spread")
+_LISTS = {"angle_error": len(FINS), "dimension_error": len(LAYOUT), "spread": len(LAYOUT)}
 RESULT_COLUMNS = [
     *REPLICATE_KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
     *ANGLE_ERRORS, *DIMENSION_ERRORS,
     *(f"spread.{name}" for name in LAYOUT.names),  # the population's SDs, shares of the ranges
 ]  # fmt: skip
+# Columns that a method of one's own leaves empty.
+NOT_A_METHODS = ["mod_fit", *ANGLE_ERRORS, *RESULT_COLUMNS[-len(LAYOUT) :]]
 
 
 @dataclass(frozen=True)
@@ -55,15 +58,19 @@ class StudyResults:
     table: pd.DataFrame
     rounds: int
     planned: int  #: Number of replicates in the plan of study.json.
-    truth: Floats  #: The target's dimensions, shape (n,).
+    truths: Floats  #: The dimensions of the targets, shape (D, n), one of them a replicate.
     target: str  #: Description of the target.
-    labels: dict[str, str]  #: Arm to name for readers.
-    conditions: dict[str, str]  #: Arm to condition, such as "out-of-band".
+    plan: dict[str, Arm]  #: Every arm by name, in the order of the table.
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
         """A row for each finished replicate, (arm, steps, seed): its last round."""
         return self.table.groupby(REPLICATE_KEYS, sort=False).tail(1).set_index(REPLICATE_KEYS)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Return the names of the arms for readers."""
+        return {name: arm.label for name, arm in self.plan.items()}
 
     @property
     def arms(self) -> list[str]:
@@ -116,25 +123,20 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     """
     path = Path(folder)
     study = read_description(path)
-    arms = study["arms"]
+    plan = study_arms(study["arms"], study["rounds"])
     keys = replicate_keys(study)
-    body, damage = target_of(study)
+    body, damages = targets_of(study)
     return StudyResults(
-        table=_table(path, keys),
+        table=_table(path, keys, plan),
         rounds=study["rounds"],
         planned=len(keys),
-        truth=damage.body(body).to_array(),
-        target=_in_words(body, damage, RealityGap(**study.get("gap", {}))),
-        labels={
-            arm: arm_label(arm, settings.get("estimation", {}).get("population"))
-            + changed_choices(settings)
-            for arm, settings in arms.items()
-        },
-        conditions={arm: settings["condition"] for arm, settings in arms.items()},
+        truths=np.array([damage.body(body).to_array() for damage in damages]),
+        target=_in_words(body, damages, RealityGap(**study.get("gap", {}))),
+        plan=plan,
     )
 
 
-def _in_words(body: Morphology, damage: Damage, gap: RealityGap) -> str:
+def _in_words(body: Morphology, damages: Sequence[Damage], gap: RealityGap) -> str:
     """Return a sentence about the target."""
     changed = [
         f"{spoken(dimension.name)} {size:g}"
@@ -144,19 +146,23 @@ def _in_words(body: Morphology, damage: Damage, gap: RealityGap) -> str:
     text = "The target has the nominal body"
     if changed:
         text += f" with {', '.join(changed)} (in units of 5 cm)"
-    text += f" and the damage `{damage}`" if damage else " without damage"
+    if len(damages) > 1:
+        text += f" and, seed by seed, the damages {', '.join(f'`{each}`' for each in damages)}"
+    else:
+        text += f" and the damage `{damages[0]}`" if damages[0] else " without damage"
     if gap.changes:
         text += f"; its world differs from its models' in {gap}"
     return f"{text}."
 
 
-def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
+def _table(folder: Path, keys: Sequence[ReplicateKey], plan: Mapping[str, Arm]) -> pd.DataFrame:
     """Return the table of ``StudyResults``; raises as ``read_study``."""
     source = folder / RESULTS_FILE
     if source.exists() and not (folder / RUNS_FOLDER).exists():
         content = read_bytes(source, "results", MAXIMUM_RESULTS_BYTES).decode(errors="replace")
     else:
-        ordered = sorted(keys, key=lambda k: (arm_order(k.arm), k.steps, k.seed))
+        order = list(plan)
+        ordered = sorted(keys, key=lambda k: (order.index(k.arm), k.steps, k.seed))
         rows = [row for key in ordered for row in _rows(folder, key)]
         if not rows:
             raise ConfigurationError(
@@ -169,8 +175,11 @@ def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
         )
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
-        numbers = table[RESULT_COLUMNS[1:]].drop(columns="act_fit").to_numpy(dtype=np.float64)
-        sound = list(table.columns) == RESULT_COLUMNS and bool(np.isfinite(numbers).all())
+        numbers = table[RESULT_COLUMNS[1:]].drop(columns="act_fit").astype(np.float64)
+        own = [name for name, arm in plan.items() if arm.config.condition == MethodConfig.condition]
+        numbers.loc[table["arm"].isin(own), NOT_A_METHODS] = 0.0  # empty
+        finite = np.isfinite(numbers.to_numpy())
+        sound = list(table.columns) == RESULT_COLUMNS and bool(finite.all())
     except (ValueError, KeyError):  # pandas' own errors are ValueErrors
         sound = False
     if not sound or table.empty:
@@ -184,7 +193,11 @@ def _rows(folder: Path, key: ReplicateKey) -> list[list[Any]]:
         [
             *key,
             *(record[name] for name in _NUMBERS),
-            *(number for name in _LISTS for number in record[name]),
+            *(
+                number
+                for name, width in _LISTS.items()
+                for number in record[name] or width * [None]
+            ),
         ]
         for record in (read_result(folder, key) or {"rounds": []})["rounds"]
     ]

@@ -25,12 +25,19 @@ from aquafish_gym.runs.manifest import (
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, file_path
 from eea.core.checks import ConfigurationError, whole
-from eea.core.config import Config
-from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld, replicate
+from eea.study.method import ArmConfig
+from eea.study.replicate import (
+    HELD_OUT,
+    RUNS_FOLDER,
+    Replicate,
+    ReplicateKey,
+    StudyWorld,
+    replicate,
+)
 
 STUDY_FILE = "study.json"
 STUDY_SCHEMA = "eea.study/1"
-# Settings of the study, not of an arm.
+# Settings of the study; an arm with fewer rounds has its own.
 _NOT_AN_ARMS = ("steps", "rounds")
 # An extension may change these; the code has a check of its own.
 _GROWING = ("replicates", "versions", "arms", "code")
@@ -48,9 +55,8 @@ class Study:
         If a number is out of range.
     """
 
-    arms: Mapping[str, Config]  #: Arm to settings without steps and rounds.
+    arms: Mapping[str, ArmConfig]  #: Arm to settings; ``steps`` replace theirs.
     steps: tuple[int, ...]  #: Lengths of trials; every arm has all.
-    rounds: int
     first_seed: int
     #: Number of seeds of each arm at each length. Seeds are equal in all arms, to pair them.
     replicates: int
@@ -63,12 +69,17 @@ class Study:
             raise ConfigurationError(f"steps must differ from each other; got {self.steps}")
         count = len(self.arms) * len(self.steps) * self.replicates
         whole("arms times steps times replicates", count, 1, MOST_JOBS)
-        self.jobs()  # checks the steps and the rounds
+        self.jobs()  # checks the steps
+
+    @property
+    def rounds(self) -> int:
+        """The most rounds of an arm."""
+        return max(config.rounds for config in self.arms.values())
 
     def jobs(self) -> list[Replicate]:
         """Return every replicate, by arm, steps and seed."""
         configs = [
-            (name, replace(config, steps=steps, rounds=self.rounds))
+            (name, replace(config, steps=steps))
             for name, config in self.arms.items()
             for steps in self.steps
         ]
@@ -82,6 +93,7 @@ class Study:
         """Return everything that determines the results, ready for JSON."""
         world = dict(vars(self.world))
         gap = world.pop("gap")
+        held_out = world.pop("held_out")
         seeds = {"first": self.first_seed, "count": self.replicates}
         return {
             "target_morphology": world.pop("morphology").to_dict(),
@@ -89,12 +101,14 @@ class Study:
             **world,
             "current": list(self.world.current),
             **({"gap": gap.changes} if gap.changes else {}),
+            **({"held_out": HELD_OUT} if held_out else {}),
             "rounds": self.rounds,
             "replicates": {
                 name: {str(steps): seeds for steps in sorted(self.steps)} for name in self.arms
             },
             "arms": {
                 name: {k: v for k, v in config.to_dict().items() if k not in _NOT_AN_ARMS}
+                | ({} if config.rounds == self.rounds else {"rounds": config.rounds})
                 for name, config in self.arms.items()
             },
             "versions": [versions()],
@@ -112,10 +126,14 @@ def replicate_keys(document: Mapping[str, Any]) -> list[ReplicateKey]:
     ]
 
 
-def target_of(document: Mapping[str, Any]) -> tuple[Morphology, Damage]:
-    """Return the body of a study.json's target before the damage, and the damage."""
+def targets_of(document: Mapping[str, Any]) -> tuple[Morphology, list[Damage]]:
+    """Return the body of a study.json's target before the damage, and the seeds' damages."""
     morphology = Morphology.coerce(document["target_morphology"])
-    return morphology, Damage.coerce(document["target_damage"])
+    damage = Damage.coerce(document["target_damage"])
+    world = StudyWorld(morphology, damage, held_out="held_out" in document)
+    seeds = sorted({key.seed for key in replicate_keys(document)})
+    damages = {str(each): each for each in map(world.damage_of, seeds)}
+    return morphology, list(damages.values())
 
 
 def read_description(folder: Path) -> dict[str, Any]:
@@ -128,7 +146,7 @@ def read_description(folder: Path) -> dict[str, Any]:
         )
     document = read_document(path, STUDY_SCHEMA, "study")
     try:
-        target_of(document)
+        targets_of(document)
         arms_have_settings = all("condition" in arm for arm in document["arms"].values())
         sound = arms_have_settings and document["rounds"] >= 1 and bool(replicate_keys(document))
     except (AttributeError, KeyError, TypeError, ValueError):

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from aquafish_gym.morphology import FINS
 from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
 from eea.study.arms import comparisons
+from eea.study.method import MethodConfig
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
 from eea.study.statistics import paired_difference, summary_statistics
 
@@ -17,7 +20,8 @@ SUMMARY_SCHEMA = "eea.summary/4"
 
 def summarize_study(results: StudyResults) -> dict[str, Any]:
     """Return every number of the report, ready for JSON."""
-    guesses = guess_errors(results.truth)
+    guesses = guess_errors(results.truths)
+    pairs = comparisons([results.plan[arm] for arm in results.arms])
     return {
         "schema": SUMMARY_SCHEMA,
         "target": results.target,
@@ -28,23 +32,26 @@ def summarize_study(results: StudyResults) -> dict[str, Any]:
         "guesses": {name: float(1.0 - errors.mean()) for name, errors in guesses.items()},
         "guess_errors": {name: _by_dimension(errors) for name, errors in guesses.items()},
         "fitness": [row for arm in results.arms for row in _fitness(results, arm)],
-        "paired": [row for pair in comparisons(results.arms) for row in _paired(results, *pair)],
+        "paired": [row for pair in pairs for row in _paired(results, *pair)],
         "dimension_error": {arm: _dimensions(results, arm, guesses) for arm in results.arms},
         "angle_error": {
             arm: _summaries(results, arm, dict(zip(FINS, ANGLE_ERRORS, strict=True)))
+            if results.plan[arm].config.condition != MethodConfig.condition
+            else {}
             for arm in results.arms
         },
     }
 
 
-def guess_errors(truth: Floats) -> dict[str, Floats]:
-    """Return the errors (n,) of three guesses at a body (n,), as shares of the ranges."""
+def guess_errors(truths: Floats) -> dict[str, Floats]:
+    """Return the mean errors (n,) of three guesses at bodies (D, n), as shares of the ranges."""
     middle = 0.5 * (LAYOUT.low + LAYOUT.high)
-    return {
-        "random bodies": chance_errors(truth, LAYOUT),
-        "mid-range body": dimension_errors(middle, truth, LAYOUT),
-        "quantisation limit": quantisation_errors(truth, LAYOUT),
+    errors = {
+        "random bodies": [chance_errors(truth, LAYOUT) for truth in truths],
+        "mid-range body": [dimension_errors(middle, truth, LAYOUT) for truth in truths],
+        "quantisation limit": [quantisation_errors(truth, LAYOUT) for truth in truths],
     }
+    return {name: np.mean(each, axis=0) for name, each in errors.items()}
 
 
 def _earlier(results: StudyResults) -> int:
@@ -69,7 +76,9 @@ def _fitness(results: StudyResults, arm: str) -> list[dict[str, Any]]:
                     "arm": arm,
                     "durations": durations,
                     "objective_fitness": summary_statistics(last),
-                    "model_fitness": summary_statistics(model[results.rounds]),
+                    "model_fitness": None
+                    if model[results.rounds].isna().any()
+                    else summary_statistics(model[results.rounds]),
                     "rise": summary_statistics(last - objective[_earlier(results)]),
                 }
             )

@@ -14,13 +14,14 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentF
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.angles import Floats
-from eea.study.drawing import GREY, MARKERS, SMALL_FONT, arm_style, grid, legend_below
+from eea.study.arms import ARMS
+from eea.study.drawing import GREY, MARKERS, SMALL_FONT, grid, legend_below
 from eea.study.statistics import curve_interval
 from experiments.reality_gap.job import METHODS, ORACLE
 from experiments.reality_gap.report import LEVELS, sure_to_swim
 from experiments.reality_gap.worlds import WORLDS
 
-COLOURS: dict[str, str] = {name: arm_style(name)[0] for name in METHODS}
+COLOURS: dict[str, str] = {name: ARMS[name].colour for name in METHODS}
 MARKS: dict[str, str] = dict(zip(METHODS, MARKERS, strict=False))
 LEAST = 1e-4  # smaller errors of OBJ_FIT are drawn at the edge
 FITNESSES = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999)

@@ -14,7 +14,7 @@ from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import Floats
-from eea.core.config import CONDITIONS, Condition, Config
+from eea.core.config import Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES
@@ -103,8 +103,7 @@ class GapJob:
         target = EngineTarget(self.body, self.seized, hidden, settings.steps, engine, gap=self.gap)
         config: Config = self.settings.joint
         if self.method != "joint":
-            condition = next(name for name in CONDITIONS if name == self.method)
-            config = replace(settings, condition=condition)
+            config = settings.under(next(name for name in METHODS if name == self.method))
         return fish_eea(target, config, self.seed, truth, threads=1)
 
 

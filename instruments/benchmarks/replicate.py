@@ -19,7 +19,7 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
 from eea.core.genome import BitLayout
 from eea.fish.estimate import estimate_morphology
-from eea.study.presets import figure_config
+from eea.study.arms import figure_config
 from instruments.benchmarks.rows import Group, Row, Settings
 
 ROUNDS, QUICK_ROUNDS = 25, 2

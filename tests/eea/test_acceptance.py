@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from eea import CONDITIONS, PaperConfig, estimate_morphology
-from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig, PaperCondition
+from eea.core.config import Condition, EstimationConfig, ExplorationConfig, OutOfBandConfig
 
 DAMAGE = "left_pectoral:length=0.5"
 
@@ -34,7 +33,7 @@ def test_inference_lies_between_knowing_and_not_knowing():
         out_of_band=OutOfBandConfig(period=25, sampled_models=4, inner_generations=12),
     )
     ideal, none, out_of_band = (
-        final_objectives(replace(config, condition=condition), range(3), "numba").mean()
+        final_objectives(config.under(condition), range(3), "numba").mean()
         for condition in ("ideal", "none", "out-of-band")
     )
     assert ideal > 0.87
@@ -43,7 +42,7 @@ def test_inference_lies_between_knowing_and_not_knowing():
 
 
 @cache
-def five_seeds(condition: PaperCondition) -> np.ndarray:
+def five_seeds(condition: Condition) -> np.ndarray:
     pytest.importorskip("pybullet")
     config = PaperConfig(condition=condition, steps=256, rounds=10)
     return final_objectives(config, range(5), "pybullet")

@@ -23,7 +23,7 @@ from eea.core.config import (
 from eea.core.experiment import RecordedLog, Trials
 from eea.core.genetic import next_generation
 from eea.core.session import STREAMS, streams
-from eea.study.presets import FIGURES, figure_config
+from eea.study.arms import FIGURES, figure_config
 from fake_fish import MODELS, PROBLEM, STEPS, TRUTH, FakeRevealingTarget, FakeSimulator, FakeTarget
 from fake_fish import fake_eea as eea_of
 
@@ -41,7 +41,7 @@ def timeless(records, **changed):
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_same_seed_gives_same_run(condition):
-    config = replace(QUICK, condition=condition)
+    config = QUICK.under(condition)
     runs = [timeless(eea_of(config, seed).run().rounds) for seed in (3, 3, 4)]
     assert runs[0] == runs[1]
     assert runs[2][-1].morphology != runs[0][-1].morphology
@@ -63,7 +63,7 @@ def test_same_seed_gives_same_run(condition):
     ],
 )
 def test_every_choice_of_the_paper_changes_a_run(condition, part, changed):
-    config = replace(QUICK, condition=condition)
+    config = QUICK.under(condition)
     runs = [
         timeless(eea_of(each).run().rounds) for each in (config, replace(config, **{part: changed}))
     ]
@@ -107,7 +107,7 @@ def test_random_initial_angles_while_exploring_are_shared_by_all_models():
 
 
 def test_conditions_share_hidden_angles_and_first_command():
-    runs = [eea_of(replace(QUICK, condition=c)).run().rounds for c in CONDITIONS]
+    runs = [eea_of(QUICK.under(c)).run().rounds for c in CONDITIONS]
     assert len({tuple(r.true_angles for r in rounds) for rounds in runs}) == 1
     assert len({rounds[0].command for rounds in runs}) == 1
     assert len({rounds[2].morphology for rounds in runs}) == 4
@@ -125,9 +125,7 @@ def test_streams_differ_and_repeat():
 
 def test_known_angles_give_better_models_than_unknown_ones():
     config = PaperConfig(steps=STEPS, rounds=3, estimation=EstimationConfig(generations=60))
-    score = {
-        c: eea_of(replace(config, condition=c)).run().objective_fitness for c in ("ideal", "none")
-    }
+    score = {c: eea_of(config.under(c)).run().objective_fitness for c in ("ideal", "none")}
     assert score["ideal"] > 0.95
     assert score["none"] < score["ideal"] - 0.1
     inference = OutOfBandConfig(sampled_models=5)
@@ -194,7 +192,7 @@ class Interrupted(FakeSimulator):
 @pytest.mark.parametrize("condition", ["none", "in-band", "out-of-band"])
 def test_interrupted_round_leaves_no_trace(condition):
     inference = OutOfBandConfig(period=5, inner_population=6, inner_generations=3, revisit=1)
-    config = replace(QUICK, condition=condition, out_of_band=inference)
+    config = replace(QUICK, out_of_band=inference).under(condition)
     simulator = FakeSimulator()
     expected = timeless(EEA(Steady(), simulator, PROBLEM, config, 0, TRUTH).run().rounds)
     for call in (2, simulator.calls // 2, simulator.calls - 1):
@@ -211,7 +209,7 @@ def test_interrupted_round_leaves_no_trace(condition):
 def test_ideal_condition_needs_revealing_target():
     target = FakeTarget()
     with pytest.raises(TargetError, match="start_angles"):
-        EEA(target, FakeSimulator(), PROBLEM, replace(QUICK, condition="ideal"))
+        EEA(target, FakeSimulator(), PROBLEM, QUICK.under("ideal"))
     assert not target.commands
 
 

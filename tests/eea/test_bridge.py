@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -73,7 +71,7 @@ def test_the_target_swims_as_its_body_does_from_its_hidden_angles():
 def test_every_condition_runs_on_the_fish(condition):
     seen = []
     result = estimate_morphology(
-        None, DAMAGE, replace(QUICK, condition=condition), 1, seen.append, target_engine="numba"
+        None, DAMAGE, QUICK.under(condition), 1, seen.append, target_engine="numba"
     )
     assert isinstance(result.morphology, Morphology)
     assert seen == result.rounds
@@ -106,7 +104,7 @@ def test_a_target_needs_only_perform():
     assert result.rounds[0].objective_fitness is None
     assert result.rounds[0].true_angles is None
     with pytest.raises(eea.TargetError, match="Tank has none"):
-        estimate_morphology_of(Tank(), replace(QUICK, condition="ideal"))
+        estimate_morphology_of(Tank(), QUICK.under("ideal"))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import re
 
 from aquafish_gym.runs.command_line import parse
 from eea.cli.study import StudyCommand
-from eea.study.arms import MINUS, arm_label, signed
+from eea.study.arms import ARMS, MINUS, signed
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())
@@ -24,7 +24,7 @@ def measured() -> dict[str, list[str]]:
         low, high = last["interval"]
         if low <= 0.0 <= high:
             continue
-        words = f"{arm_label(condition, 100)} {signed(last['mean'])}"
+        words = f"{ARMS[condition].label.format(models=100)} {signed(last['mean'])}"
         found.setdefault(effect["first"].removesuffix(f"-{condition}"), []).append(words)
     return found
 

@@ -126,4 +126,4 @@ def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeyp
     assert "differs from its models' in lag 0.05" in (out / "summary.md").read_text()
     assert main(["study", "--out", str(out), *options]) == 2  # another world than the folder's
     plain = StudyWorld(Morphology.nominal(), Damage())
-    assert "gap" not in Study({"none": QUICK}, (32,), 1, 0, 1, plain).to_dict()
+    assert "gap" not in Study({"none": QUICK}, (32,), 0, 1, plain).to_dict()

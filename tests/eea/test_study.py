@@ -21,7 +21,8 @@ from eea.study.study import (
 )
 
 WORLD = StudyWorld(Morphology.nominal(), Damage.parse("none"))
-STUDY = Study({"none": PaperConfig(condition="none")}, (64, 128), 5, 2, 4, WORLD)
+NONE = PaperConfig(condition="none", rounds=5)
+STUDY = Study({"none": NONE}, (64, 128), 2, 4, WORLD)
 
 
 def changed(**settings):
@@ -58,7 +59,7 @@ def test_a_studys_jobs_are_its_plans_places():
 @pytest.mark.parametrize(
     ("other", "difference"),
     [
-        (changed(rounds=6), "rounds 5, not 6"),
+        (changed(arms={"none": replace(NONE, rounds=6)}), "rounds 5, not 6"),
         (
             changed(world=replace(WORLD, target_engine="pybullet")),
             "target_engine 'numba', not 'pyb",
@@ -68,7 +69,7 @@ def test_a_studys_jobs_are_its_plans_places():
             "with target_damage [], not [{",
         ),
         (
-            changed(arms={"ideal": PaperConfig(), "none": PaperConfig(condition="ideal")}),
+            changed(arms={"ideal": PaperConfig(rounds=5), "none": PaperConfig("ideal", rounds=5)}),
             "arms.none.condition 'none', not 'ideal'",
         ),
         (changed(first_seed=7), "none with seeds 2 to 5; 7 to 10 would leave a gap"),
@@ -104,7 +105,7 @@ def span(first, count):
             {"none": {"64": span(0, 20), "128": span(0, 20)}},
         ),
         (
-            changed(arms={"more": PaperConfig()}, first_seed=0, replicates=1, steps=(32,)),
+            changed(arms={"more": PaperConfig(rounds=5)}, first_seed=0, replicates=1, steps=(32,)),
             {"none": {"64": span(2, 4), "128": span(2, 4)}, "more": {"32": span(0, 1)}},
         ),
     ],

@@ -16,7 +16,7 @@ from aquafish_gym.utils.storage import read_document
 from eea.__main__ import REFUSED_ERRORS as ERRORS
 from eea.__main__ import main
 from eea.cli.study import StudyCommand
-from eea.study.presets import figure_config
+from eea.study.arms import figure_config
 from eea.study.replicate import replicate
 from eea.study.study import read_description
 from tests.in_process import jobs_in_process

@@ -21,7 +21,7 @@ from eea.core.config import (
 from eea.study.replicate import Replicate, StudyWorld, replicate, warm_up_replicates
 
 CONFIG = PaperConfig(
-    condition="none",
+    condition="recovery",
     steps=16,
     rounds=3,
     exploration=ExplorationConfig(4, 2),
@@ -31,8 +31,8 @@ CONFIG = PaperConfig(
 WORLD = StudyWorld(Morphology.nominal(), Damage.parse("left_pectoral:length=0.5"))
 
 
-def make(seed=0, **changes):
-    return Replicate("arm", replace(CONFIG, **changes), seed, WORLD)
+def make(seed=0, condition="none"):
+    return Replicate("arm", CONFIG.under(condition), seed, WORLD)
 
 
 def run(job):

@@ -79,7 +79,7 @@ class Robot:
 @pytest.mark.parametrize(("commands", "hidden", "axes"), WIDTHS)
 def test_every_width_runs_under_every_condition(commands, hidden, axes, condition):
     machine, robot = Machine(axes), Robot(hidden, axes)
-    config = replace(QUICK, condition=condition)
+    config = QUICK.under(condition)
     eea = EEA(robot, machine, problem(commands, hidden, axes), config, 1, TRUTH)
     rounds = eea.run().rounds
     assert len(rounds) == 2
@@ -98,7 +98,7 @@ def test_every_width_runs_under_every_condition(commands, hidden, axes, conditio
     ("commands", "hidden", "axes"), [(1, 1, 1), (1, 3, 1), (3, 1, 2), (2, 2, 3)]
 )
 def test_at_any_width_the_body_is_found_if_the_angles_are_known(commands, hidden, axes):
-    config = replace(QUICK, condition="ideal", estimation=EstimationConfig(20, 40), rounds=3)
+    config = replace(QUICK.under("ideal"), estimation=EstimationConfig(20, 40), rounds=3)
     eea = EEA(Robot(hidden, axes), Machine(axes), problem(commands, hidden, axes), config, 0, TRUTH)
     assert eea.run().objective_fitness > 0.95
 
