@@ -17,7 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "fish": fish.__all__,
         "infer.session": ["JointInference"],
         "infer.robot": ["Robot"],
-        "infer.statement": ["Hypothesis", "Normal", "Nuisance"],
+        "infer.statement": ["Hypothesis", "Number"],
         "infer.trials": ["Trial"],
         "study.arms": ["FIGURES", "figure_config"],
     },

@@ -3,8 +3,7 @@ from .fish import *  # noqa: F403
 from .infer.robot import Robot as Robot
 from .infer.session import JointInference as JointInference
 from .infer.statement import Hypothesis as Hypothesis
-from .infer.statement import Normal as Normal
-from .infer.statement import Nuisance as Nuisance
+from .infer.statement import Number as Number
 from .infer.trials import Trial as Trial
 from .study.arms import FIGURES as FIGURES
 from .study.arms import figure_config as figure_config

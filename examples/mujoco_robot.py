@@ -17,7 +17,7 @@ from mujoco import MjData
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
-from eea import FitConfig, Hypothesis, Normal, Nuisance, Robot, Trial
+from eea import FitConfig, Hypothesis, Number, Robot, Trial
 
 MOTORS = ("front motor", "rear motor")
 OBSERVED = {"heading": "rad", "front joint": "rad", "rear joint": "rad", "surge": "m/s"}
@@ -47,16 +47,16 @@ def swim(values: Any, actions: NDArray[Any]) -> NDArray[Any]:
     return observed
 
 
+WEAKER = Number(mean=0.0, sd=0.5, high=0.0)
 SWIMMER = Robot(
-    parameters=dict.fromkeys(MOTORS, (0.0, 1.5)),  # as a share of what they should be
     simulate=swim,
+    numbers=dict.fromkeys(
+        MOTORS, Number(0.0, 1.5, healthy=1.0)
+    )  # as a share of what they should be
+    | {"density": Number(4000.0, sd=100.0)}
+    | {f"{name} at first": Number(0.0, sd=0.06, varies=True) for name in OBSERVED},
     channels=OBSERVED,
-    whole=dict.fromkeys(MOTORS, 1.0),
-    nuisances=[
-        Nuisance("density", 3500.0, 4500.0, nominal=4000.0, sd=100.0),
-        *(Nuisance(f"{name} at first", -0.2, 0.2, 0.0, 0.06, start=True) for name in OBSERVED),
-    ],
-    hypotheses=[Hypothesis(f"the {m} is weak", moves={m: Normal(0, 0.5, high=0)}) for m in MOTORS],
+    hypotheses=[Hypothesis(f"the {m} is weak", moves={m: WEAKER}) for m in MOTORS],
 )
 
 

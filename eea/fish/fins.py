@@ -53,7 +53,7 @@ def fins_after(result: Result) -> Fins:
     """
     instance("result", result, Result)
     belief = result.belief
-    if result.config is None or not isinstance(belief, Answer) or not belief.robot.hidden:
+    if result.config is None or not isinstance(belief, Answer) or not belief.robot.angles:
         raise ConfigurationError(
             "result must be of a run of the condition joint, after a trial from unknown fin angles"
         )

@@ -23,7 +23,7 @@ from eea.fish.simulator import EngineSimulator
 from eea.fish.simulator_error import Calibration, Discrepancy
 from eea.fish.windows import LogWindows
 from eea.infer.robot import Robot
-from eea.infer.statement import MOST_STRIDE, Nuisance, Part, Values, groups_of
+from eea.infer.statement import MOST_STRIDE, Number, Part, Values
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
 FINER_STEPS = 4  # per step of the simulator, to measure the error of its time step
@@ -43,28 +43,30 @@ LAG = "lag"
 START_VELOCITY = tuple(f"start velocity {axis}" for axis in "xyz")
 START_SPIN = tuple(f"start spin {axis}" for axis in "xyz")
 
-# The priors' widths are typical of a laboratory's
-# robot; the ranges are beyond what is plausible.
-NUISANCES: tuple[Nuisance, ...] = (
-    *(Nuisance(name, -0.5, 0.5, 0.0, 0.15, "current") for name in CURRENT),
-    *(Nuisance(name, 0.5, 1.5, 1.0, 0.2, "drag") for name in DRAG),
-    Nuisance(SERVO_GAIN, 0.7, 1.3, 1.0, 0.1, "servo_gain"),
-    *(Nuisance(name, -0.3, 0.3, 0.0, 0.05, "gyro_bias") for name in GYRO_BIAS),
+#: The sizes, which are sought, and the angles at the start of each trial.
+SIZES = {d.name: Number(0.0, d.maximum) for d in DIMENSIONS}
+ANGLES = {fin: Number.angle() for fin in FINS}
+# The priors' widths are typical of a laboratory's robot; the ranges are beyond what is plausible.
+CURRENTS = {n: Number(-0.5, 0.5, mean=0.0, sd=0.15, group="current") for n in CURRENT}
+NUISANCES: dict[str, Number] = {
+    **{name: Number(0.5, 1.5, mean=1.0, sd=0.2, group="drag") for name in DRAG},
+    SERVO_GAIN: Number(0.7, 1.3, mean=1.0, sd=0.1, group="servo_gain"),
+    **{name: Number(-0.3, 0.3, mean=0.0, sd=0.05, group="gyro_bias") for name in GYRO_BIAS},
     # A servo starts with a jerk, which lies within a sample of 0.01 s or not.
-    Nuisance(LAG, 0.0, 0.2, 0.0, 0.05, valleys=20),
+    LAG: Number(0.0, 0.2, mean=0.0, sd=0.05, valleys=20),
     # The tail's sweep is symmetric: reversal only shifts its phase.
-    *(
-        Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
+    **{
+        name: Number(0.0 if fin == "caudal" else -1.0, 1.0, mean=1.0, switch=True)
         for fin, name in SERVO.items()
-    ),
-    Nuisance(REACTIVE_WATER, 0.0, 1.0, 0.0, switch=True),
-)
+    },
+    REACTIVE_WATER: Number(0.0, 1.0, mean=0.0, switch=True),
+}
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
 # gyroscope measures the spin, apart from its noise.
-START_NUISANCES: tuple[Nuisance, ...] = (
-    *(Nuisance(name, -2.0, 2.0, 0.0, 0.5, start=True) for name in START_VELOCITY),
-    *(Nuisance(name, -0.5, 0.5, 0.0, 0.1, start=True) for name in START_SPIN),
-)
+STARTS: dict[str, Number] = {
+    **{name: Number(-2.0, 2.0, mean=0.0, sd=0.5, varies=True) for name in START_VELOCITY},
+    **{name: Number(-0.5, 0.5, mean=0.0, sd=0.1, varies=True) for name in START_SPIN},
+}
 
 
 def fish_signal(
@@ -208,29 +210,25 @@ def discrepancy_table() -> dict[str, Any]:
     return read_packaged("eea.fish", "discrepancy.json", DISCREPANCY_SCHEMA)
 
 
-def _at_known_start(nuisance: Nuisance) -> Nuisance:
-    """Return a nuisance for a known initial state in still water."""
-    if nuisance.group == "current":
-        return replace(nuisance, switch=True)
-    # A reversed tail can be recognised if its phase is known.
-    return replace(nuisance, low=-1.0) if nuisance.name == SERVO["caudal"] else nuisance
-
-
-def fish_nuisances(windows: LogWindows | None = None) -> tuple[Nuisance, ...]:
-    """Return the nuisances of trials from rest, or of the windows of a log."""
+def fish_numbers(windows: LogWindows | None = None) -> dict[str, Number]:
+    """Return the fish's numbers in trials from rest, or in the windows of a log."""
     if windows is not None and windows.start is not None:
-        return tuple(map(_at_known_start, NUISANCES))
+        # The water is still. A reversed tail can be recognised if its phase is known.
+        still = {name: Number(-0.5, 0.5, mean=0.0, switch=True) for name in CURRENT}
+        tail = SERVO["caudal"]
+        return {**SIZES, **still, **NUISANCES, tail: replace(NUISANCES[tail], low=-1.0)}
     if windows is not None and windows.begun:
-        return (*START_NUISANCES[:3], *NUISANCES[3:], *START_NUISANCES[3:])
-    return NUISANCES
+        return {**SIZES, **NUISANCES, **STARTS, **ANGLES}
+    return {**SIZES, **CURRENTS, **NUISANCES, **ANGLES}
 
 
 def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
-    """Raise a ConfigurationError for a group of nuisances that a log lacks; None is all groups.
+    """Raise a ConfigurationError for a group of numbers that a log lacks; None is all groups.
 
     It needs no simulator, so it is quick before anything is compiled.
     """
-    groups = groups_of(fish_nuisances(windows))
+    numbers = fish_numbers(windows).items()
+    groups = dict.fromkeys(number.group or name for name, number in numbers if number.grouped)
     for name in chosen or ():
         choice("nuisances", name, groups)
 
@@ -245,11 +243,9 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
     if known:
         hypotheses = tuple(replace(h, shared_angles=()) for h in HYPOTHESES)
     return Robot(
-        {d.name: (0.0, d.maximum) for d in DIMENSIONS},
         partial(fish_signal, simulator=simulator, windows=windows),
+        fish_numbers(windows),
         {f"gyro {axis}": "rad/s" for axis in "xyz"},
-        nuisances=fish_nuisances(windows),
-        hidden=() if known else FINS,
         hypotheses=hypotheses,
         parts={
             word: Part(

@@ -101,7 +101,11 @@ def posterior_figure(result: Result) -> Figure:
             f"got the condition {result.method} without a posterior"
         )
     best = belief.branches[0]
-    nuisances = [n for n in belief.robot.nuisance_list if n.name in best.parameters.names]
+    nuisances = {
+        name: number
+        for name, number in belief.robot.table.items()
+        if not (number.sought or number.varies or number.circular) and best.parameters.has(name)
+    }
     most = max(len(result.layout), len(nuisances))
     columns = 2 if nuisances else 1
     figure = new_figure(5.4 * columns, 1.3 + 0.42 * most, dpi=150)
@@ -122,15 +126,15 @@ def posterior_figure(result: Result) -> Figure:
         theta = best.parameters.natural(best.doubted.sample(PLOT_DRAWS, np.random.default_rng(0)))
         wide = belief.table(0.9)
         half = belief.table(0.5)
-        for i, n in enumerate(nuisances):
-            middle, first, last = wide[n.name]
-            five = np.array([first, half[n.name][1], middle, half[n.name][2], last])
-            column = theta[:, best.parameters.names.index(n.name)] if belief.good else None
+        for i, (name, n) in enumerate(nuisances.items()):
+            middle, first, last = wide[name]
+            five = np.array([first, half[name][1], middle, half[name][2], last])
+            column = theta[:, best.parameters.first_entry(name)] if belief.good else None
             _draw_row(axes, i, n.low, n.high, column, five, SKY)
             at = np.linspace(0.0, 1.0, BINS)
-            prior = np.exp(-0.5 * ((n.low + (n.high - n.low) * at - n.nominal) / n.sd) ** 2)
+            prior = np.exp(-0.5 * ((n.low + (n.high - n.low) * at - (n.mean or 0.0)) / n.sd) ** 2)
             axes.fill_between(at, i, i - DENSITY_HEIGHT * prior, color="0.9", lw=0, zorder=0)
-        _finish(axes, [n.name for n in nuisances], most, "nuisances; prior in grey")
+        _finish(axes, list(nuisances), most, "nuisances; prior in grey")
 
     trials = len(best.parameters.slots)
     begin = f"{trials} trial{'' if trials == 1 else 's'}"

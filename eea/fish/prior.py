@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, product
@@ -23,12 +22,12 @@ from eea.infer.file import check_posterior
 from eea.infer.goodness import Goodness
 from eea.infer.mixture import Mode
 from eea.infer.robot import Robot
-from eea.infer.statement import Hypothesis, Normal, joined
+from eea.infer.statement import Hypothesis, Number, RobotModel, joined
 from eea.infer.unknowns import Unknowns
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
-ANYWHERE = Normal(0.0, math.inf)
+ANYWHERE = Number(0.0)
 #: rad/s: a good gyroscope's, at 100 readings a second. Less noise is not counted with, since
 #: simulations are not exact where readings are between their steps.
 LEAST_GYRO_NOISE = 1e-3
@@ -77,6 +76,11 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     return Answer((branch,), goodness, noise, 0)
 
 
+def _ranges(robot: RobotModel) -> dict[str, tuple[float, float]]:
+    """Return the ranges of what is sought, by name."""
+    return {name: (robot.table[name].low, robot.table[name].high) for name in robot.sought}
+
+
 def check_belief(argument: str, belief: object, robot: Robot) -> None:
     """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of this fish."""
     instance(argument, belief, Answer)
@@ -85,16 +89,17 @@ def check_belief(argument: str, belief: object, robot: Robot) -> None:
         check_posterior(belief)
     except ConfigurationError as error:
         raise InvalidArgumentError(f"{argument} must be a posterior: {error}") from None
-    found = belief.robot.parameters
-    for (name, ends), (wanted, known) in zip(found.items(), robot.parameters.items(), strict=False):
+    found = _ranges(belief.robot)
+    stated = _ranges(robot)
+    for (name, ends), (wanted, known) in zip(found.items(), stated.items(), strict=False):
         if (name, *ends) != (wanted, *known):
             raise InvalidArgumentError(
                 f"{argument} must be a posterior of this fish, with {wanted} from "
                 f"{known[0]:g} to {known[1]:g}; it has {name} from {ends[0]:g} to {ends[1]:g}"
             )
-    if len(found) != len(robot.parameters):
+    if len(found) != len(stated):
         raise InvalidArgumentError(
-            f"{argument} must be a posterior of this fish, which has {len(robot.parameters)} "
+            f"{argument} must be a posterior of this fish, which has {len(stated)} "
             f"sizes; it has {len(found)}"
         )
 

@@ -38,7 +38,7 @@ class WarmStart:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A posterior over parameters, nuisances, angles and hypotheses.
+    """A posterior over a robot's numbers and hypotheses.
 
     Samples and intervals mix all hypotheses, in proportion to their probabilities, and include
     model discrepancy. The medians, the probabilities and the findings assume that the
@@ -115,7 +115,7 @@ class Answer:
         trials: check ``good``.
         """
         robot = self.robot
-        straight = np.zeros(len(robot.parameters), dtype=np.bool_)
+        straight = np.zeros(len(robot.sought), dtype=np.bool_)
         low, high = intervals(self._robots, robot.low, robot.high, straight, mass)
         return holding(low, high, self.model, straight)[:2]
 
@@ -130,8 +130,8 @@ class Answer:
         """Return the median and the interval of a number, given that it has changed.
 
         The mixture of all hypotheses has "nothing is broken" in it, whose value is a point. This is
-        of the hypotheses that move a parameter or nuisance; None where none was fitted. A nuisance
-        that varies from trial to trial is that of the first.
+        of the hypotheses that move the number; None where none was fitted. One that varies from
+        trial to trial is that of the first.
         """
         choice("name", name, {n: 0 for h in self.robot.alternatives for n in h.moves})
         real("mass", mass, 0.0, 1.0)
@@ -155,9 +155,9 @@ class Answer:
     ) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of everything, by name, in natural units.
 
-        Parameters, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
-        names, as of the most probable hypothesis, or of another by its name. An interval holds its
-        median; that of an angle may end beyond pi.
+        Numbers of trial e have ``@e`` after their names, from 1. They are those of the most
+        probable hypothesis, or of another by its name. An interval holds its median; that of an
+        angle may end beyond pi.
         """
         if hypothesis is None:
             return self.branches[0].table(mass)
@@ -181,8 +181,7 @@ class Answer:
         """Return what each of some trials would tell if it was performed next, the best first.
 
         The values in a trial's ``signal`` do not matter, only where there will be samples. The
-        trial is imagined at the best fit, its hidden angles at 0 and its own nuisances at their
-        nominal values.
+        trial is imagined at the best fit, its angles at 0 and its own numbers at their means.
 
         Raises
         ------
@@ -272,6 +271,6 @@ class Answer:
                 f"{mass:.0%}": {name: list(row) for name, row in self.table(mass).items()}
                 for mass in ((0.5, 0.8, 0.9) if self.good else ())
             },
-            "dimensions": list(self.robot.parameters),
+            "dimensions": list(self.robot.sought),
             "modes": modes,
         }

@@ -27,14 +27,12 @@ class Branch:
     doubted: Mixture  #: The posterior with the problem's ``discrepancy``.
 
     def prior(self) -> Prior:
-        """Return what is known of the parameters and the nuisances common to all trials.
+        """Return what is known of the numbers that all trials share.
 
         Angles are left out: they may have changed since, even that of a seized servo.
         """
         names = self.parameters.names
-        entries = [
-            i for i, n in enumerate(names) if "@" not in n and not self.parameters.circular[i]
-        ]
+        entries = np.flatnonzero(self.parameters.common & ~self.parameters.circular)
         theta = self.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))[:, entries]
         covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
         return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)

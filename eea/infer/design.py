@@ -72,7 +72,7 @@ def moved_alone(robot: RobotModel) -> dict[str, Hypothesis]:
     for hypothesis in robot.alternatives:
         if len(hypothesis.moves) == 1 and hypothesis.changes == 1:
             (name,) = hypothesis.moves
-            if name not in robot.each_trial:
+            if name not in robot.varying:
                 alone.setdefault(name, hypothesis)
     return alone
 
@@ -89,9 +89,9 @@ def would_not_show(branches: Sequence[Branch], name: str) -> float | None:
     if hypothesis is None or not fitted:
         return None
     parameters = fitted[0].parameters
-    i = parameters.names.index(name)
-    low, high = robot.ranges[name]
-    span = high - low
+    i = parameters.first_entry(name)
+    low = robot.table[name].low
+    span = robot.table[name].high - low
     # The change's own prior is no evidence.
     information = fitted[0].posterior.modes[0].information + LEAST_PRECISION * np.eye(
         len(parameters)
@@ -104,7 +104,7 @@ def would_not_show(branches: Sequence[Branch], name: str) -> float | None:
     change = hypothesis.moves[name]
     ends = low + span * np.array([parameters.low[i], parameters.high[i]]) - robot.usual[name]
     odds = hypothesis.odds / robot.nominal.odds
-    return least_change(spread, change.mean, min(change.sd, FLAT_SD * span), ends, odds)
+    return least_change(spread, change.mean or 0.0, min(change.sd, FLAT_SD * span), ends, odds)
 
 
 UNTOLD_SHARE = 0.5  # of a prior's standard deviation: a number known less well is not told
@@ -246,13 +246,10 @@ def _of_trials(
 def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Trial) -> Floats:
     """Return the information (n, n) that a trial would have on the common numbers."""
     robot = known.parameters.robot
-    bases = {name.partition("@")[0] for name in known.parameters.names}
-    groups = {n.group for n in robot.nuisance_list if n.name in bases}
-    one = Unknowns.of(robot, 1, groups, hypothesis)
+    one = Unknowns.of(robot, 1, known.parameters.groups, hypothesis)
     theta = one.prior_mean.copy()
-    here = {name: i for i, name in enumerate(one.names)}
-    names = [known.parameters.names[i] for i in known.entries]
-    entries = np.array([here[name] for name in names], dtype=np.intp)
+    bases = map(known.parameters.base, known.entries.tolist())
+    entries = np.array([one.first_entry(name) for name in bases], dtype=np.intp)
     theta[entries] = known.theta[known.entries]
     observed = replace(Observed.of([trial], robot), noise=best.regression.observed.noise)
     return _of_trials(Regression(one, observed, None), theta, best.precision, entries)
@@ -321,7 +318,7 @@ def _identified(known: _Known, trials: Floats) -> Identified:
                 | dict(zip([names[j] for j in free[seen]], factors.tolist(), strict=True)),
                 float(natural[i] + factors @ natural[free[seen]]),
                 float(sd * unit[i]),
-                parameters.robot.units.get(names[i], ""),
+                parameters.robot.table[names[i]].unit,
             )
         )
         for j in free[seen]:

@@ -7,7 +7,6 @@ arrays have a row for each mode, one hypothesis after the other, padded with zer
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -31,7 +30,7 @@ from eea.infer.branch import Branch
 from eea.infer.goodness import Goodness
 from eea.infer.mixture import Mode
 from eea.infer.robot import Robot
-from eea.infer.statement import Hypothesis, Normal, Nuisance, Part, Prior
+from eea.infer.statement import Hypothesis, Number, Part, Prior
 from eea.infer.trials import LARGEST_NUMBER, Noise
 from eea.infer.unknowns import Unknowns
 
@@ -112,8 +111,7 @@ def _check_goodness(goodness: Goodness) -> None:
         raise ConfigurationError("its verdict must be a sentence")
 
 
-POSTERIOR_SCHEMA = "eea.posterior/5"
-EARLIER_SCHEMA = "eea.posterior/4"  # of fish, with genomes of bodies and commands
+POSTERIOR_SCHEMA = "eea.posterior/6"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
 MOST_SLOTS = 10**7  # numbers in the slots of all trials
 
@@ -124,18 +122,13 @@ def to_arrays(posterior: Answer) -> dict[str, NDArray[Any]]:
     robot = posterior.robot
     parts = [part for branch in posterior.branches for part in (branch.posterior, branch.doubted)]
     modes = [mode for part in parts for mode in part.modes]
-    header = {
+    header: dict[str, Any] = {
         "schema": POSTERIOR_SCHEMA,
-        "parameters": robot.parameters,
+        "numbers": {name: asdict(number) for name, number in robot.table.items()},
         "channels": robot.channels,
-        "whole": robot.whole,
-        "nuisances": [asdict(nuisance) for nuisance in robot.nuisance_list],
-        "each_trial": robot.each_trial,
-        "hidden": robot.hidden,
         "hypotheses": [asdict(hypothesis) for hypothesis in robot.alternatives],
         "nominal": asdict(robot.nominal),
         "parts": {name: asdict(part) for name, part in robot.parts.items()},
-        "units": robot.units,
         "prior": robot.prior and _listed(vars(robot.prior)),
         "noise": posterior.noise and _listed(posterior.noise._asdict()),
         "sigma": posterior.sigma,
@@ -147,6 +140,7 @@ def to_arrays(posterior: Answer) -> dict[str, NDArray[Any]]:
                 "hypothesis": branch.hypothesis.name,
                 "probability": branch.probability,
                 "parameters": branch.parameters.names,
+                "groups": sorted(branch.parameters.groups),
                 "modes": [len(branch.posterior.modes), len(branch.doubted.modes)],
             }
             for branch in posterior.branches
@@ -182,9 +176,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Answer:
     try:
         header = json.loads(arrays["header"].tobytes())
         schema = header["schema"]
-        if schema == EARLIER_SCHEMA:
-            header = _from_earlier(header)
-        if schema in (POSTERIOR_SCHEMA, EARLIER_SCHEMA):
+        if schema == POSTERIOR_SCHEMA:
             return _read(header, arrays)
     except ConfigurationError:
         raise
@@ -197,21 +189,11 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Answer:
 
 
 def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Answer:
-    # Files of earlier versions list only some of what varies from trial to trial.
-    entries = {name for row in header["branches"] for name in row["parameters"]}
-    varying = [
-        n["name"] for n in header["nuisances"] if f"{n['name']}@1" in entries and not n.get("start")
-    ]
     robot = Robot(
-        {name: tuple(ends) for name, ends in header["parameters"].items()},
         _no_simulator,
+        {name: Number(**number) for name, number in header["numbers"].items()},
         header["channels"],
-        header["whole"],
-        tuple(Nuisance(**nuisance) for nuisance in header["nuisances"]),
-        tuple(dict.fromkeys([*header["each_trial"], *varying])),
-        header["hidden"],
         tuple(map(_hypothesis, header["hypotheses"])),
-        units=header["units"],
         parts={name: Part(**part) for name, part in header["parts"].items()},
         nominal=_hypothesis(header["nominal"]),
         prior=header["prior"] and Prior(**header["prior"]),
@@ -241,9 +223,8 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Answ
     for row in header["branches"]:
         hypothesis = hypotheses[row["hypothesis"]]
         names = row["parameters"]
-        bases = {name.removesuffix("@1") for name in names}
-        inferred = {n.group for n in robot.nuisance_list if n.name in bases}
-        parameters = Unknowns.of(robot, trials, inferred, hypothesis)
+        groups = all_of("its groups", row["groups"], str)
+        parameters = Unknowns.of(robot, trials, groups, hypothesis)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
         own = slice(len(names))
@@ -280,30 +261,8 @@ def _listed(arrays: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _hypothesis(stated: Mapping[str, Any]) -> Hypothesis:
-    moves = {name: Normal(**change) for name, change in stated["moves"].items()}
+    moves = {name: Number(**change) for name, change in stated["moves"].items()}
     return Hypothesis(**{**stated, "moves": moves})
-
-
-def _from_earlier(header: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a header of the earlier schema as one of this."""
-
-    def hypothesis(stated: Mapping[str, Any]) -> dict[str, Any]:
-        moved = dict.fromkeys(stated["changed"], asdict(Normal(0.0, math.inf)))
-        return {**{k: v for k, v in stated.items() if k != "changed"}, "moves": moved}
-
-    return {
-        **header,
-        "parameters": {one["name"]: (one["low"], one["high"]) for one in header["models"]},
-        "channels": {f"gyro {axis + 1}": "rad/s" for axis in range(header["axes"])},
-        "whole": {},
-        "units": {},
-        "prior": None,
-        "noise": None,
-        "each_trial": (),
-        "hidden": header["unknown"],
-        "hypotheses": list(map(hypothesis, header["hypotheses"])),
-        "nominal": hypothesis(header["nominal"]),
-    }
 
 
 def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:

@@ -33,7 +33,7 @@ from eea.infer.mixture import Mixture
 from eea.infer.search import Optima, halved, improved, pose, search
 from eea.infer.statement import Hypothesis, RobotModel, Values
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
-from eea.infer.unknowns import FIXED_PRECISION, Unknowns
+from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
@@ -52,7 +52,7 @@ def fit(
     doubt: Callable[[Optima], bool] | None = None,
     usual: Floats | None = None,
 ) -> Answer:
-    """Return the posterior of parameters, nuisances, hidden angles and hypotheses, given trials.
+    """Return the posterior of a robot's numbers and hypotheses, given trials.
 
     Under a hypothesis h, with residuals r, the unknowns theta of all trials have the posterior ::
 
@@ -147,7 +147,7 @@ def fit(
     if robot.discrepancy is not None:
         modes, said = robot.discrepancy.doubts([o for _, o in fitted], best)
         doubted = [replace(m, modes=own) for m, own in zip(mixtures, modes, strict=True)]
-    least = 0.0 if robot.whole else LEAST_PROBABILITY  # what if it is broken after all?
+    least = 0.0 if robot.healthy else LEAST_PROBABILITY  # what if it is broken after all?
     branches = tuple(
         Branch(
             fitted[i][0],
@@ -178,7 +178,7 @@ def fit(
 
 
 def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
-    """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
+    """Raise a ConfigurationError if the settings name a group of numbers that is not there."""
     for name in config.nuisances or ():
         choice("nuisances", name, robot.groups)
 
@@ -264,7 +264,7 @@ def _plausible(
         return likely
     # Probable hypotheses stay: a small fin explains the trials nearly as well as a missing one.
     probable = {branch.hypothesis.name for branch in earlier.branches} if earlier else set()
-    place = list(robot.parameters).index
+    place = robot.sought.index
     least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
     absent = {
         name
@@ -281,9 +281,12 @@ def carried_over(earlier: Optima, parameters: Unknowns) -> Floats:
     angles of single trials take the common value.
     """
     theta: Floats = np.tile(parameters.prior_mean, (len(earlier.fits.theta), 1))
-    column = {name: i for i, name in enumerate(earlier.regression.parameters.names)}
-    for i, name in enumerate(parameters.names):
-        sources = (name, name.partition("@")[0], f"{name}@1")
+    before = earlier.regression.parameters
+    keys = zip(before.entry_slots.tolist(), before.entry_trials.tolist(), strict=True)
+    column = {key: i for i, key in enumerate(keys)}
+    for i in range(len(parameters)):
+        slot = int(parameters.entry_slots[i])
+        sources = [(slot, e) for e in (int(parameters.entry_trials[i]), ALL_TRIALS, 0)]
         source = next((column[source] for source in sources if source in column), None)
         if source is not None and parameters.prior_precision[i] < FIXED_PRECISION:
             theta[:, i] = earlier.fits.theta[:, source]
@@ -388,8 +391,8 @@ def _check_enough(
         for name in hypothesis.moves:
             if name not in robot.usual:
                 raise ConfigurationError(
-                    f"moves of {hypothesis.name!r} must be of numbers that are in whole, or that "
-                    f"learn() has found; {name} is neither"
+                    f"moves of {hypothesis.name!r} must be of numbers that have a mean, say what "
+                    f"is healthy, or were found by learn(); {name} is none of these"
                 )
 
 

@@ -155,7 +155,7 @@ class ChangeDetector:
     Parameters
     ----------
     robot
-        The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
+        The robot in mid-swim, with numbers of each trial for the initial state. Its others
         take their posterior from ``belief``, by name.
     belief
         The posterior. Its most probable hypothesis is used.
@@ -179,7 +179,8 @@ class ChangeDetector:
         self._sigma = belief.sigma
         self._samples = belief.samples
         best = belief.branches[0]
-        groups = {n.group for n in robot.nuisance_list if n.name in best.parameters.names}
+        names = [name for name in robot.names if best.parameters.has(name)]
+        groups = {robot.table[name].group for name in names}
         known = replace(robot, prior=best.prior())
         self._one = Unknowns.of(known, 1, groups, best.hypothesis)
 
@@ -249,9 +250,9 @@ def fit_near_prior(
 
 
 def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection[str]) -> list[str]:
-    """Return a sentence on each number in ``whole`` that known-good logs do not have.
+    """Return a sentence on each ``healthy`` value that known-good logs do not have.
 
-    The best fit of each log descends on with the numbers in ``whole`` free. Their shifts, averaged
+    The best fit of each log descends on with these numbers free. Their shifts, averaged
     over the logs, are tested for being zero at the rate of false alarms for all numbers together
     (Bonferroni): by a normal distribution with the fits' own variances, or by Student's t where the
     logs differ by more.
@@ -265,10 +266,10 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
     groups
         The nuisances that were inferred.
     """
-    if not robot.whole:
+    if not robot.healthy:
         return []
-    places = [list(robot.parameters).index(name) for name in robot.whole]
-    free = replace(robot, whole={})
+    places = [robot.sought.index(name) for name in robot.healthy]
+    free = robot.without_healthy()
     parameters = Unknowns.of(free, 1, groups, free.nominal)
     flat = np.zeros(len(parameters))
     flat[places] = UNIFORM_PRECISION
@@ -281,12 +282,13 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         theta = descend(misfit, start, fit.sigma, 40, 1e-6).theta
         near = misfit.laplace(theta, misfit.linearise(theta), fit.sigma**-2)[0]
         covariance = near.covariance(flat)
-        # Not held by a bound, at which numbers in ``whole`` often are.
+        # Not held by a bound, at which healthy numbers often are.
         found.append((near.theta - covariance @ near.gradient)[places])
         variances.append(np.diag(covariance)[places])
     said = []
-    for k, (name, stated) in enumerate(robot.whole.items()):
-        low, high = robot.parameters[name]
+    for k, (name, stated) in enumerate(robot.healthy.items()):
+        low = robot.table[name].low
+        high = robot.table[name].high
         shares = np.array([one[k] for one in found])
         weights = 1.0 / np.array([one[k] for one in variances])
         mean = float(weights @ shares / weights.sum())
@@ -295,11 +297,11 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         sd = max(own, scatter) ** 0.5
         off = abs(mean - (stated - low) / (high - low)) / sd
         p = 2.0 * float(ndtr(-off) if own >= scatter else stdtr(len(shares) - 1, -off))
-        if p * len(robot.whole) < FALSE_ALARM_RATE:
+        if p * len(robot.healthy) < FALSE_ALARM_RATE:
             value = low + (high - low) * mean
             reach = (high - low) * NORMAL_95 * sd
             said.append(
-                f"the known-good logs contradict whole: {name} is "
+                f"the known-good logs contradict healthy: {name} is "
                 f"{robot.with_unit(name, value)} in them, {value - reach:.3g} to "
                 f"{value + reach:.3g}, and not {stated:g}"
             )
@@ -327,7 +329,7 @@ class Reference:
     robot: RobotModel  #: With what was learned as its prior.
     noise: Noise  #: Of each channel.
     misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
-    #: Sentences on numbers in ``whole`` that the known-good logs contradict, and on channels
+    #: Sentences on ``healthy`` values that the known-good logs contradict, and on channels
     #: without noise.
     findings: tuple[str, ...] = ()
 
@@ -367,8 +369,8 @@ def learn(
 ) -> Reference:
     """Return what known-good logs tell: the robot as it was, its spread, and its noise.
 
-    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Numbers in
-    ``whole`` are taken as they are stated; the ``findings`` say where the logs contradict them.
+    Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Healthy
+    values are taken as they are stated; the ``findings`` say where the logs contradict them.
 
     Parameters
     ----------
@@ -409,7 +411,7 @@ def learn(
     config = LEARNING_CONFIG if config is None else config
     instance("config", config, FitConfig)
     effort = replace(config, alternatives="never")
-    robot = replace(robot, nuisances=robot.nuisance_list)  # whose ranges the hypotheses widen
+    robot = replace(robot, numbers=robot.table)  # whose ranges the hypotheses widen
     whole = replace(robot, hypotheses=())
     observed = Observed.of(known_good, robot)
     groups = robot.groups if config.nuisances is None else config.nuisances
@@ -466,18 +468,11 @@ def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed
     branch = posterior.branches[0]
     parameters = branch.parameters
     mode = branch.posterior.modes[0]
-    bases = [name.partition("@")[0] for name in parameters.names]
-    starts = {n.name for n in robot.nuisance_list if n.start}
-    entries = [
-        i
-        for i, base in enumerate(bases)
-        if not parameters.circular[i]
-        and parameters.prior_precision[i] < FIXED_PRECISION
-        and base not in starts
-    ]
+    sought = parameters.prior_precision < FIXED_PRECISION
+    entries = np.flatnonzero(sought & ~parameters.circular)
     least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)
     covariance = mode.covariance(least)[np.ix_(entries, entries)]
-    names = tuple(bases[i] for i in entries)
+    names = tuple(map(parameters.base, entries.tolist()))
     return LogFit(optima, names, mode.theta[entries], covariance)
 
 
@@ -538,13 +533,13 @@ class Follower:
     """Follows a robot's numbers from window to window of a log.
 
     A window is a :class:`~eea.infer.trials.Trial` of its own: its initial state is hidden angles
-    or nuisances with ``start``. After an alarm the next window tells what has changed, of what the
+    or numbers that vary. After an alarm the next window tells what has changed, of what the
     robot's hypotheses say; if none explains it, the one after that.
 
     Parameters
     ----------
     robot
-        The robot. Its ``whole`` is empty: the log tells the numbers.
+        The robot. No number states what is ``healthy``: the log tells the numbers.
     noise
         The standard deviation of each channel's noise, by name, or the ``noise`` of a posterior.
     alarm
@@ -565,9 +560,10 @@ class Follower:
     A spring is pulled by a known force; its stiffness is followed:
 
     >>> from eea.infer.robot import Robot
+    >>> from eea.infer.statement import Number
     >>> spring = Robot(
-    ...     parameters={"stiffness": (1.0, 50.0)},
     ...     simulate=lambda values, force: (force / values["stiffness"][:, None])[:, :, None],
+    ...     numbers={"stiffness": Number(1.0, 50.0)},
     ...     channels={"length": "m"},
     ... )
     >>> follower = spring.follow(noise={"length": 0.01})
@@ -592,10 +588,10 @@ class Follower:
         instance("robot", robot, RobotModel)
         check_alarm(alarm)
         whole("seed", seed, 0, MAXIMUM_SEED)
-        if robot.whole:
+        if robot.healthy:
             raise ConfigurationError(
-                f"whole must be empty where numbers are followed, for the log tells them; got "
-                f"{brief(dict(robot.whole))}"
+                f"healthy must be left out where numbers are followed, for the log tells them; got "
+                f"{brief(dict(robot.healthy))}"
             )
         self._robot = robot
         self._noise = known_noise(noise, robot)
@@ -612,7 +608,7 @@ class Follower:
             choice("drift", name, self._names)
             real(f"drift of {name}", sd, 0.0)
         steps = [drift.get(name, 0.0) for name in self._names]
-        spans = [high - low for low, high in (robot.ranges[name] for name in self._names)]
+        spans = [high - low for low, high in map(self._ends, self._names)]
         self._wander = np.diag((np.array(steps) / np.array(spans)) ** 2)
 
     @own_errors
@@ -633,7 +629,7 @@ class Follower:
         known = replace(known, covariance=known.covariance + self._wander)
         regression = self._regression(window, known)
         parameters = regression.parameters
-        if self._robot.hidden:
+        if self._robot.angles:
             best = fit_near_prior(regression, 1.0, ANGLE_STARTS, self._rng)
         else:
             typical = parameters.into_bounds(parameters.prior_mean[None])
@@ -672,14 +668,19 @@ class Follower:
         reach = float(ndtri(0.5 + 0.5 * mass)) * np.sqrt(np.diag(known.covariance))
         found = {}
         for name, middle, sd in zip(known.names, known.mean, reach, strict=True):
-            low, high = self._robot.ranges[name]
+            low, high = self._ends(name)
             shares = np.clip([middle, middle - sd, middle + sd], 0.0, 1.0)
             median, least, most = (low + (high - low) * shares).tolist()
             found[name] = (median, least, most)
         return found
 
+    def _ends(self, name: str) -> tuple[float, float]:
+        """Return the range of a number."""
+        number = self._robot.table[name]
+        return number.low, number.high
+
     def _ignorance(self) -> Prior:
-        """Return what is known before the first window: the ranges, and nuisances' own priors."""
+        """Return what is known before the first window: the ranges and the numbers' own priors."""
         plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._robot.groups)
         entries = self._entries(plain)
         precision = plain.proper_prior[np.ix_(entries, entries)]

@@ -15,39 +15,27 @@ if TYPE_CHECKING:  # they load scipy, and a statement needs none
 
 
 class Robot(RobotModel):
-    """A robot whose parameters, nuisances and hidden angles are inferred together.
+    """A robot whose numbers are inferred together.
 
     Parameters
     ----------
-    parameters
-        The numbers that are sought, by name, each with its range (low, high).
     simulate
         See :class:`eea.infer.statement.Simulate`.
+    numbers
+        What the signal depends on, by name: each a :class:`~eea.infer.statement.Number`.
     channels
         The unit of each channel of the signal, by name, in the order of its last axis.
-    whole
-        The values of parameters where nothing is broken. They are so unless a hypothesis moves
-        them; parameters without one are always sought.
-    nuisances
-        What the signal depends on besides: a distribution by name, or
-        :class:`~eea.infer.statement.Nuisance` for what is seldom needed, such as groups.
-    each_trial
-        The nuisances that vary from trial to trial.
-    hidden
-        The names of angles, in rad, that are unknown at the start of each trial.
     hypotheses
-        What may have changed or broken. None: each number in ``whole`` may be anywhere in its
+        What may have changed or broken. None: each ``healthy`` number may be anywhere in its
         range, with odds of 0.1 in all.
     at_once
         How many of the hypotheses may hold at the same time.
-    units
-        The units of parameters and nuisances, by name, for the findings.
     parts
-        Parameters that belong together, for the findings.
+        Numbers that belong together, for the findings.
     nominal
         What holds unless something is broken.
     prior
-        Instead of uniform parameters and the nuisances' own priors.
+        Instead of the numbers' own priors.
     discrepancy
         How far ``simulate`` may be from the robot.
     stride
@@ -58,25 +46,27 @@ class Robot(RobotModel):
     Raises
     ------
     ConfigurationError
-        If a name occurs twice, a range is empty, or a hypothesis or part refers to an unknown name.
+        If a range is empty, or a hypothesis or part refers to an unknown name.
 
     Examples
     --------
     A pendulum with a motor, of unknown length, whose gyroscope has a bias:
 
     >>> import numpy as np
-    >>> from eea.infer.statement import Normal
+    >>> from eea.infer.statement import Number
     >>> def swing(values, torque):
     ...     time = 0.01 * np.arange(1, 65)
     ...     phase = torque[:, :1] * time + values["angle"][:, None]
     ...     rate = values["length"][:, None] * np.sin(phase) + values["bias"][:, None]
     ...     return rate[:, :, None]
     >>> pendulum = Robot(
-    ...     parameters={"length": (0.0, 2.0)},
     ...     simulate=swing,
+    ...     numbers={
+    ...         "length": Number(0.2, 2.0),
+    ...         "bias": Number(0.0, sd=0.05),
+    ...         "angle": Number.angle(),
+    ...     },
     ...     channels={"gyro": "rad/s"},
-    ...     nuisances={"bias": Normal(0.0, 0.05)},
-    ...     hidden=("angle",),
     ... )
     >>> pendulum.names
     ('length', 'bias', 'angle')

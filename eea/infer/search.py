@@ -33,7 +33,7 @@ from eea.infer.goodness import (
 from eea.infer.laplace import Laplace
 from eea.infer.misfit import COARSE, FINE, Precision, Regression
 from eea.infer.mixture import Mixture, Mode
-from eea.infer.unknowns import Unknowns
+from eea.infer.unknowns import FIXED_PRECISION, Unknowns
 
 
 def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
@@ -196,9 +196,9 @@ def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Gene
 
 
 def relined(regression: Regression, theta: Floats, sigma: float, each: int) -> Floats:
-    """Return copies (H, P) of vectors (S, P), each in another valley of a nuisance.
+    """Return copies (H, P) of vectors (S, P), each in another valley of a number.
 
-    The copies are the best ``each`` for every vector and every nuisance with ``valleys``.
+    The copies are the best ``each`` for every vector and every number with ``valleys``.
     """
     parameters = regression.parameters
     found = [np.empty((0, len(parameters)))]
@@ -211,7 +211,7 @@ def relined(regression: Regression, theta: Floats, sigma: float, each: int) -> F
 
 
 def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats, Floats]:
-    """Return vectors (S, P) with each nuisance in its best valley, and costs (S,)."""
+    """Return vectors (S, P) with each number in its best valley, and costs (S,)."""
     pick = np.arange(len(theta))
     cost = np.zeros(len(theta))
     for entry, tried in _lined(regression.parameters):
@@ -223,10 +223,15 @@ def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats
 
 
 def _lined(parameters: Unknowns) -> list[tuple[int, Floats]]:
-    """Return the entries of nuisances with valleys, and the middle of each valley."""
-    count = {n.name: n.valleys for n in parameters.robot.nuisance_list}
-    names = enumerate(name.partition("@")[0] for name in parameters.names)
-    return [(i, (np.arange(count[n]) + 0.5) / count[n]) for i, n in names if count.get(n)]
+    """Return the entries of numbers with valleys, and the middle of each valley."""
+    table = parameters.robot.table
+    counts = [table[parameters.base(i)].valleys for i in range(len(parameters))]
+    sought = parameters.prior_precision < FIXED_PRECISION
+    return [
+        (i, (np.arange(count) + 0.5) / count)
+        for i, count in enumerate(counts)
+        if count and sought[i]
+    ]
 
 
 def _along(

@@ -77,7 +77,7 @@ class JointInference(Session[JointState]):
     Parameters
     ----------
     robot
-        The model of the target, with its nuisances and simulator.
+        The model of the target: its numbers and its simulator.
     problem
         The commands that the target takes, and the parameters of ``robot`` as the core knows them.
     target, config, seed, truth
@@ -86,7 +86,7 @@ class JointInference(Session[JointState]):
     Raises
     ------
     ConfigurationError
-        If ``config`` names nuisances that ``robot`` lacks, ``problem`` has other parameters, hidden
+        If ``config`` names groups that ``robot`` lacks, ``problem`` has other dimensions, hidden
         angles or channels than it, or ``truth`` is not of shape (n,).
 
     Examples
@@ -96,6 +96,7 @@ class JointInference(Session[JointState]):
 
     >>> from eea.core.genome import action_layout, model_layout
     >>> from eea.core.problem import Problem
+    >>> from eea.infer.statement import Number
     >>> def spin(values, command):
     ...     turned = 0.1 * command * np.arange(64) + values["angle"][:, None]
     ...     return (values["radius"][:, None] * np.sin(turned))[:, :, None]
@@ -104,7 +105,8 @@ class JointInference(Session[JointState]):
     ...         values = {"radius": np.array([0.6]), "angle": np.array([0.5])}
     ...         gyro = spin(values, command)
     ...         return RecordedLog(gyro=gyro + np.random.default_rng(0).normal(0, 0.01, gyro.shape))
-    >>> wheel = Robot({"radius": (0.0, 1.0)}, spin, {"gyro": "rad/s"}, hidden=("angle",))
+    >>> numbers = {"radius": Number(0.0, 1.0), "angle": Number.angle()}
+    >>> wheel = Robot(spin, numbers, {"gyro": "rad/s"})
     >>> problem = Problem(
     ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
     ... )
@@ -131,10 +133,10 @@ class JointInference(Session[JointState]):
         instance("problem", problem, Problem)
         check_nuisances(robot, config)
         stated = (problem.models.names, problem.hidden, problem.axes)
-        if stated != (tuple(robot.parameters), robot.hidden, len(robot.channels)):
+        if stated != (robot.sought, robot.angles, len(robot.channels)):
             raise ConfigurationError(
-                f"problem must have the parameters {brief(tuple(robot.parameters))}, the hidden "
-                f"angles {brief(robot.hidden)} and {len(robot.channels)} axes; got {brief(stated)}"
+                f"problem must have the dimensions {brief(robot.sought)}, the hidden angles "
+                f"{brief(robot.angles)} and {len(robot.channels)} axes; got {brief(stated)}"
             )
         self._robot = robot
         no_trials = Observed(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 import math
 import numbers
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import combinations, islice
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,76 +31,202 @@ from eea.core.checks import (
     whole,
 )
 
-
-@dataclass(frozen=True)
-class Normal:
-    """A normal distribution, truncated to [low, high]; with an infinite ``sd`` it is uniform.
-
-    Examples
-    --------
-    >>> Normal(0.0, 0.2, low=0.0).low  # half of it: upwards only
-    0.0
-    """
-
-    mean: float
-    sd: float
-    low: float = -math.inf
-    high: float = math.inf
-
-    def __post_init__(self) -> None:
-        real("mean", self.mean, -math.inf)
-        for name, least in (("sd", 1e-12), ("low", -math.inf), ("high", -math.inf)):
-            real_or_infinite(name, getattr(self, name), least)
-        if not self.low < self.high:
-            raise ConfigurationError(
-                f"low must be less than high; got {self.low:g} and {self.high:g}"
-            )
+RANGE_SDS = 5.0  # on each side of a mean, for a number that states no range
 
 
-@dataclass(frozen=True)
-class Nuisance:
-    """One number besides the parameters that the robot's signal depends on.
+@dataclass(frozen=True, init=False)
+class Number:
+    """One number of a robot: its range or its prior, and how it may differ.
 
-    The prior is a normal distribution about ``nominal``, truncated to the range; with an infinite
-    ``sd`` it is uniform. Nuisances of one ``group`` are inferred together or not at all.
+    ``Number(0.2, 2.0)`` lies in a range, uniformly; it is what is sought. ``Number(0.0, sd=0.03)``
+    is normal about a mean. ``Number(-1.0, 1.0, mean=0.0, sd=0.3)`` is the same, truncated to a
+    range. ``Number.angle()`` is an angle that is unknown in each trial. As a change, in
+    :class:`Hypothesis`, ``Number(0.0, sd=0.3)`` is one either way, ``Number(mean=0.0, sd=0.3,
+    low=0.0)`` one upwards, and ``Number(0.0)`` one to anywhere in the range.
+
+    Parameters
+    ----------
+    *ends
+        The least and the greatest value, or the mean alone.
+    low, high
+        The same by name. Without them the range is five ``sd`` on each side of the mean, and as far
+        as hypotheses move the number.
+    mean
+        The mean of the prior, and the value where the number is not inferred.
+    sd
+        The standard deviation of the prior; infinite is uniform over the range.
+    unit
+        For findings.
+    healthy
+        The value where nothing is broken. It has it unless a hypothesis moves it; what has none is
+        always sought.
+    varies
+        Whether each trial has a value of its own, such as a speed at first or a sensor's bias.
+    circular
+        Whether it is an angle, in rad, over a whole turn.
+    group
+        Numbers with a prior that are inferred together or not at all (``FitConfig.nuisances``); by
+        default each is a group of its own.
+    switch
+        Whether it has the value ``mean`` unless a hypothesis fixes or frees it.
+    valleys
+        Number of equal parts of the range that are all tried, because no descent moves from one to
+        another; 0 where a descent finds the best.
 
     Raises
     ------
     ConfigurationError
-        If the range is empty, or the nominal value outside of it.
+        If the range is empty, the mean or ``healthy`` is outside of it, or two fields contradict
+        each other.
 
     Examples
     --------
-    >>> Nuisance("lag", 0.0, 0.1, nominal=0.0, sd=0.03).group
-    'lag'
+    >>> Number(0.2, 2.0, healthy=0.6).sought, Number(0.0, sd=0.03).sought
+    (True, False)
+    >>> Number(mean=0.0, sd=0.2, low=0.0).low  # half of a normal: upwards only
+    0.0
     """
 
-    name: str
     low: float
     high: float
-    nominal: float  #: Value where it is not inferred.
-    sd: float = math.inf  #: Standard deviation of the prior.
-    group: str = ""  #: By default the name.
-    switch: bool = False  #: Whether it is nominal unless a hypothesis changes it.
-    #: Whether it is part of a trial's initial state, like the hidden angles: always inferred, for
-    #: each trial.
-    start: bool = False
-    #: Number of equal parts of the range that are all tried, because no descent moves from one to
-    #: another; 0 where a descent finds the best.
-    valleys: int = 0
+    mean: float | None
+    sd: float
+    unit: str
+    healthy: float | None
+    varies: bool
+    circular: bool
+    group: str
+    switch: bool
+    valleys: int
 
-    def __post_init__(self) -> None:
-        text("name", self.name)
+    def __init__(
+        self,
+        *ends: float,
+        low: float = -math.inf,
+        high: float = math.inf,
+        mean: float | None = None,
+        sd: float = math.inf,
+        unit: str = "",
+        healthy: float | None = None,
+        varies: bool = False,
+        circular: bool = False,
+        group: str = "",
+        switch: bool = False,
+        valleys: int = 0,
+    ) -> None:
+        if len(ends) == 2 and low == -math.inf and high == math.inf:
+            low, high = ends
+        elif len(ends) == 1 and mean is None:
+            (mean,) = ends
+        elif ends:
+            raise ConfigurationError(
+                "ends must be the least and the greatest value, or the mean alone, and each given "
+                f"once; got {brief(ends)}"
+            )
+        given = locals()
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, given[name])
+        self._check()
+
+    def _check(self) -> None:
+        real_or_infinite("low", self.low, -math.inf)
+        real_or_infinite("high", self.high, -math.inf)
+        real_or_infinite("sd", self.sd, 1e-12)
+        if not self.low < self.high:
+            raise ConfigurationError(
+                f"low must be less than high; got {self.low:g} and {self.high:g}"
+            )
+        if self.mean is not None:
+            real("mean", self.mean, -math.inf)
+        if self.healthy is not None:
+            real("healthy", self.healthy, self.low, self.high)
+        text("unit", self.unit, empty=True)
         text("group", self.group, empty=True)
-        real(f"low of {self.name}", self.low, -math.inf)
-        real(f"high of {self.name}", self.high, math.nextafter(self.low, math.inf))
-        real(f"nominal of {self.name}", self.nominal, self.low, self.high)
-        real_or_infinite(f"sd of {self.name}", self.sd, 1e-12)
-        flag(f"switch of {self.name}", self.switch)
-        flag(f"start of {self.name}", self.start)
-        whole(f"valleys of {self.name}", self.valleys, 0, 1000)
-        if not self.group:
-            object.__setattr__(self, "group", self.name)
+        for name in ("varies", "circular", "switch"):
+            flag(name, getattr(self, name))
+        whole("valleys", self.valleys, 0, 1000)
+        for wrong, words in (
+            (
+                self.mean is None and math.isfinite(self.sd),
+                "mean must be given with sd, as in Number(0.0, sd=0.1)",
+            ),
+            (
+                self.switch and self.mean is None,
+                "mean must be given with switch: the value unless a hypothesis says otherwise",
+            ),
+            (self.switch and self.varies, "switch and varies must not both be given"),
+            (
+                self.healthy is not None and not self.sought,
+                "healthy must be of a number that lies in a range, without sd, varies, circular or "
+                "switch",
+            ),
+            (
+                self.circular and (self.mean, self.sd, self.switch) != (None, math.inf, False),
+                "an angle is uniform over the turn: mean, sd and switch must be left out",
+            ),
+            (
+                bool(self.group) and not self.grouped,
+                "group must be of a number with sd that all trials share, since others are always "
+                "inferred",
+            ),
+        ):
+            if wrong:
+                raise ConfigurationError(f"{words}; got {self}")
+
+    @classmethod
+    def angle(cls, varies: bool = True, unit: str = "rad") -> Number:
+        """Return an angle of any value: of each trial, or one for all trials."""
+        return cls(-math.pi, math.pi, varies=varies, circular=True, unit=unit)
+
+    @property
+    def sought(self) -> bool:
+        """Whether it lies in a range that all trials share, so that it is what is sought."""
+        uniform = math.isinf(self.sd)
+        return uniform and not (self.varies or self.circular or self.switch)
+
+    @property
+    def grouped(self) -> bool:
+        """Whether it can be inferred or not, as its group is."""
+        return not (self.sought or self.varies or self.circular or self.switch)
+
+    def of_robot(self, name: str, changes: Sequence[Number]) -> Number:
+        """Return the number with a finite range, which has room for changes, and with a mean."""
+        low = self.low
+        high = self.high
+        mean = self.mean
+        if mean is None:
+            for end, value in (("low", low), ("high", high)):
+                if math.isinf(value):
+                    raise ConfigurationError(
+                        f"{end} of {name} must be finite, or a mean and an sd be given; got {self}"
+                    )
+            mean = 0.5 * (low + high) if self.varies and not self.circular else None
+        else:
+            reach = RANGE_SDS * self.sd
+            for change in changes:
+                spread = math.hypot(self.sd, change.sd)
+                reach = max(reach, abs(change.mean or 0.0) + RANGE_SDS * spread)
+            low = mean - reach if math.isinf(low) else low
+            high = mean + reach if math.isinf(high) else high
+            if not (math.isfinite(low) and math.isfinite(high)):
+                raise ConfigurationError(f"{name} must have a finite range or sd; got {self}")
+            if self.sought:
+                raise ConfigurationError(f"mean of {name} must be given with sd; got {self}")
+            real(f"mean of {name}", mean, low, high)
+        group = self.group or (name if self.grouped else "")
+        return replace(self, low=low, high=high, mean=mean, group=group)
+
+    def __repr__(self) -> str:
+        shown = [f"{x:g}" for x in (self.low, self.high) if math.isfinite(x)]
+        names = [f.name for f in fields(self) if getattr(self, f.name) != _PLAIN.get(f.name)]
+        if len(shown) == 2:
+            names = [name for name in names if name not in ("low", "high")]
+        else:
+            shown = []
+        return f"Number({', '.join([*shown, *(f'{n}={getattr(self, n)!r}' for n in names)])})"
+
+
+_PLAIN = {n: one.default for n, one in inspect.signature(Number.__init__).parameters.items()}
 
 
 @dataclass(frozen=True)
@@ -114,15 +240,13 @@ class Hypothesis:
     """
 
     name: str  #: A clause, for people.
-    #: Values of parameters and nuisances that it fixes.
+    #: Values of numbers that it fixes.
     fixed: Mapping[str, float] = field(default_factory=dict)
     shared_angles: tuple[str, ...] = ()  #: Hidden angles that are the same in all trials.
     freed: tuple[str, ...] = ()  #: Switches that are inferred.
     part: str = ""  #: The name of the part that it concerns, if any.
-    #: The parameters and nuisances that have changed, each by how much: ``Normal(0, 0.3)`` is a
-    #: change either way, ``Normal(0, 0.3, low=0)`` one upwards, and ``Normal(0, inf)`` one to
-    #: anywhere in the range.
-    moves: Mapping[str, Normal] = field(default_factory=dict)
+    #: The numbers that have changed, each by how much; see :class:`Number`.
+    moves: Mapping[str, Number] = field(default_factory=dict)
     #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
@@ -133,7 +257,7 @@ class Hypothesis:
         mapping("fixed", self.fixed, numbers.Real)
         for name, value in self.fixed.items():
             real(f"fixed {name}", value, -math.inf)
-        mapping("moves", self.moves, Normal)
+        mapping("moves", self.moves, Number)
         if both := sorted({*self.fixed} & {*self.moves}):
             raise ConfigurationError(
                 f"{self.name!r} must fix or move a number, not both; got {both[0]} in both"
@@ -201,12 +325,6 @@ class Prior:
             object.__setattr__(self, name, finite(name, getattr(self, name), shape))
 
 
-def groups_of(nuisances: Iterable[Nuisance]) -> tuple[str, ...]:
-    """Return the groups of nuisances that can be inferred or not."""
-    chosen = (n.group for n in nuisances if not n.switch and not n.start)
-    return tuple(dict.fromkeys(chosen))
-
-
 CHANGE_ODDS = 0.1  # of a change of any number, relative to none
 
 
@@ -228,7 +346,7 @@ def together(hypotheses: Sequence[Hypothesis], most: int) -> Iterator[Hypothesis
 def joined(several: Sequence[Hypothesis]) -> Hypothesis:
     """Return several hypotheses as one."""
     fixed: dict[str, float] = {}
-    moves: dict[str, Normal] = {}
+    moves: dict[str, Number] = {}
     for one in several:
         fixed |= one.fixed
         moves |= one.moves
@@ -243,19 +361,16 @@ def joined(several: Sequence[Hypothesis]) -> Hypothesis:
     )
 
 
-def any_change(whole: Mapping[str, float]) -> list[Hypothesis]:
-    """Return the hypotheses that each number in ``whole`` may be anywhere in its range."""
-    odds = CHANGE_ODDS / max(len(whole), 1)
-    return [
-        Hypothesis(f"{name} has changed", moves={name: Normal(0.0, math.inf)}, odds=odds)
-        for name in whole
-    ]
+def any_change(names: Collection[str]) -> list[Hypothesis]:
+    """Return the hypotheses that each of some numbers may be anywhere in its range."""
+    odds = CHANGE_ODDS / max(len(names), 1)
+    anywhere = Number(0.0)
+    return [Hypothesis(f"{name} has changed", moves={name: anywhere}, odds=odds) for name in names]
 
 
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
 MOST_ALTERNATIVES = 2000  # 200, of 200 numbers, take nine minutes of one core
-NUISANCE_RANGE_SDS = 5.0  # on each side of the mean of a nuisance that is given as a Normal
 NOTHING_BROKEN = Hypothesis("nothing is broken")
 
 
@@ -265,13 +380,12 @@ class Simulate(Protocol):
     def __call__(self, values: Values, inputs: Any, /) -> NDArray[Any]:
         """Return the signal (B, T, channels) of B trials.
 
-        ``values`` has the parameters, nuisances and hidden angles by name, (B,) each, in natural
-        units and rad. ``inputs`` (B, ...) are the trials' own: a command, a series of them, or what
-        else was given with them; None where nothing was. No trial may depend on the others; one
-        that diverges gives a signal that is not finite, or masked: an exception would end the
-        search. Trials of unequal length may be simulated
-        for as long as the longest. A simulator may take a third argument, ``fine``: whether double
-        precision is asked for.
+        ``values`` has the numbers by name, (B,) each, in natural units and rad. ``inputs``
+        (B, ...) are the trials' own: a command, a series of them, or what else was given with
+        them; None where nothing was. No trial may depend on the others; one that diverges gives a
+        signal that is not finite, or masked: an exception would end the search. Trials of unequal
+        length may be simulated for as long as the longest. A simulator may take a third argument,
+        ``fine``: whether double precision is asked for.
         """
 
 
@@ -279,16 +393,11 @@ class Simulate(Protocol):
 class RobotModel:
     """What is known of a robot, checked; :class:`Robot` describes the fields."""
 
-    parameters: Mapping[str, tuple[float, float]]
     simulate: Simulate
+    numbers: Mapping[str, Number]
     channels: Mapping[str, str]
-    whole: Mapping[str, float] = field(default_factory=dict)
-    nuisances: Mapping[str, Normal] | Sequence[Nuisance] = ()
-    each_trial: Sequence[str] = ()
-    hidden: Sequence[str] = ()
     hypotheses: Sequence[Hypothesis] | None = None
     at_once: int = 1
-    units: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[str, Part] = field(default_factory=dict)
     nominal: Hypothesis = NOTHING_BROKEN
     prior: Prior | None = None
@@ -297,25 +406,18 @@ class RobotModel:
     loudest: float = math.inf
 
     def __post_init__(self) -> None:
-        if not isinstance(self.parameters, Mapping) or not self.parameters:
-            raise ConfigurationError(
-                f"parameters must be ranges (low, high) by name; got {brief(self.parameters)}"
-            )
-        ranges = {name: _checked_range(name, ends) for name, ends in self.parameters.items()}
-        object.__setattr__(self, "parameters", ranges)
         if not callable(self.simulate):
             raise ConfigurationError(f"simulate must be a function; got {brief(self.simulate)}")
         mapping("channels", self.channels, str)
         if not self.channels:
             raise ConfigurationError("channels must be one or more; got none")
-        mapping("whole", self.whole, numbers.Real)
-        for name in ("each_trial", "hidden"):
-            object.__setattr__(self, name, all_of(name, getattr(self, name), str))
+        mapping("numbers", self.numbers, Number)
+        if not self.numbers:
+            raise ConfigurationError("numbers must be one or more, by name; got none")
         if self.hypotheses is not None:
             object.__setattr__(
                 self, "hypotheses", all_of("hypotheses", self.hypotheses, Hypothesis)
             )
-        mapping("units", self.units, str)
         mapping("parts", self.parts, Part)
         instance("nominal", self.nominal, Hypothesis)
         if self.prior is not None:
@@ -326,41 +428,40 @@ class RobotModel:
         real_or_infinite("loudest", self.loudest, 0.0)
         whole("stride", self.stride, 1, 1000)
         whole("at_once", self.at_once, 1, MOST_AT_ONCE)
-        for name in (*self.names, *self.channels):
-            text("a name of parameters, nuisances, hidden angles or channels", name)
+        for name in (*self.numbers, *self.channels):
+            text("a name of numbers or channels", name)
             if "@" in name:  # which a trial's own numbers have before its number
                 raise ConfigurationError(f"a name must have no @; got {name!r}")
-        _check_distinct("parameters, nuisances and hidden angles", self.names)
-        for name, value in self.whole.items():
-            choice("whole", name, self.parameters)
-            real(f"whole {name}", value, *self.parameters[name])
-        for name in self.units:
-            choice("units", name, self.names)
-        for name in self.each_trial:
-            choice("each_trial", name, self._nuisance_names)
+        for hypothesis in self.hypotheses or ():
+            for name in hypothesis.moves:  # ranges have room for them
+                choice(f"moves of {hypothesis.name!r}", name, self.numbers)
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
         _check_distinct("hypotheses", [h.name for h in (self.nominal, *self.alternatives)])
         for part, of in self.parts.items():
             for name in (*of.sizes, *of.area):
-                choice(f"a parameter of {part!r}", name, self.parameters)
+                choice(f"a number of {part!r}", name, self.sought)
 
     def _check(self, hypothesis: Hypothesis) -> None:
-        switches = [nuisance.name for nuisance in self.nuisance_list if nuisance.switch]
+        switches = [name for name, number in self.table.items() if number.switch]
+        ranges = [name for name, number in self.table.items() if not number.circular]
         for field_name, given, known in (
-            ("fixed", hypothesis.fixed, self.ranges),
-            ("moves", hypothesis.moves, self.ranges),
+            ("fixed", hypothesis.fixed, ranges),
+            ("moves", hypothesis.moves, ranges),
             ("freed", hypothesis.freed, switches),
-            ("shared_angles", hypothesis.shared_angles, self.hidden),
+            ("shared_angles", hypothesis.shared_angles, self.angles),
             ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
         ):
             for name in given:
                 choice(f"{field_name} of {hypothesis.name!r}", name, known)
         for name, value in hypothesis.fixed.items():
-            if name in self.parameters:  # a nuisance that fails may be beyond its range
-                real(f"fixed {name} of {hypothesis.name!r}", value, *self.parameters[name])
+            if name in self.sought:  # one with a prior that fails may be beyond its range
+                number = self.table[name]
+                real(f"fixed {name} of {hypothesis.name!r}", value, number.low, number.high)
         for name, change in hypothesis.moves.items():
-            low, high = self.ranges[name]
+            number = self.table[name]
+            low = number.low
+            high = number.high
             was = self.usual.get(name)
             if was is not None and not low - change.high < was < high - change.low:
                 raise ConfigurationError(
@@ -370,38 +471,63 @@ class RobotModel:
 
     def fixed(self, hypothesis: Hypothesis) -> dict[str, float]:
         """Return what has a fixed value if a hypothesis holds: what is whole and does not move."""
-        kept = {name: v for name, v in self.whole.items() if name not in hypothesis.moves}
+        kept = {name: v for name, v in self.healthy.items() if name not in hypothesis.moves}
         return {**kept, **hypothesis.fixed}
 
-    @property
-    def _nuisance_names(self) -> tuple[str, ...]:
-        return tuple(nuisance.name for nuisance in self.nuisance_list)
-
     @cached_property
-    def nuisance_list(self) -> tuple[Nuisance, ...]:
-        """The nuisances, with their names, ranges and groups."""
+    def table(self) -> dict[str, Number]:
+        """The numbers with their ranges and means: sought ones, others, of each trial, angles."""
         changes = [h.moves for h in self.hypotheses or ()]
-        return _as_nuisances(self.nuisances, changes)
+        found = {
+            name: number.of_robot(name, [moves[name] for moves in changes if name in moves])
+            for name, number in self.numbers.items()
+        }
+        order = sorted(found.items(), key=lambda row: _rank(row[1]))
+        return dict(order)
 
     @cached_property
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """The least and the greatest value of each parameter and nuisance."""
-        return {**self.parameters, **{n.name: (n.low, n.high) for n in self.nuisance_list}}
+    def sought(self) -> tuple[str, ...]:
+        """The names of the numbers that lie in a range and that all trials share."""
+        return tuple(name for name, number in self.table.items() if number.sought)
+
+    @cached_property
+    def healthy(self) -> dict[str, float]:
+        """The values of numbers where nothing is broken, of those that state one."""
+        return {n: one.healthy for n, one in self.table.items() if one.healthy is not None}
+
+    @cached_property
+    def varying(self) -> tuple[str, ...]:
+        """The names of the numbers of each trial, except angles."""
+        return tuple(n for n, one in self.table.items() if one.varies and not one.circular)
+
+    @cached_property
+    def angles(self) -> tuple[str, ...]:
+        """The names of the angles."""
+        return tuple(name for name, number in self.table.items() if number.circular)
 
     @cached_property
     def usual(self) -> dict[str, float]:
-        """What is known of parameters and nuisances before any trial, if nothing is broken."""
-        found = {nuisance.name: nuisance.nominal for nuisance in self.nuisance_list}
+        """What is known of numbers before any trial, if nothing is broken."""
+        found = {
+            name: number.mean
+            for name, number in self.table.items()
+            if number.mean is not None and not number.sought and not number.circular
+        }
         if self.prior is not None:
             for name, share in zip(self.prior.names, self.prior.mean.tolist(), strict=True):
-                low, high = self.ranges[name]
-                found[name] = low + (high - low) * share
-        return {**found, **self.whole}
+                number = self.table[name]
+                found[name] = number.low + (number.high - number.low) * share
+        return {**found, **self.healthy}
+
+    def without_healthy(self) -> Self:
+        """Return the robot whose numbers are all sought."""
+        freed = {name: replace(number, healthy=None) for name, number in self.numbers.items()}
+        return replace(self, numbers=freed)
 
     @cached_property
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """What may hold instead of ``nominal``: hypotheses, and several of them at once."""
-        stated = any_change(self.whole) if self.hypotheses is None else self.hypotheses
+        stated = any_change(self.healthy) if self.hypotheses is None else self.hypotheses
         found = tuple(islice(together(stated, self.at_once), MOST_ALTERNATIVES + 1))
         if len(found) > MOST_ALTERNATIVES:
             raise ConfigurationError(
@@ -413,28 +539,28 @@ class RobotModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all numbers of a trial: parameters, nuisances, hidden angles."""
-        return (*self.parameters, *self._nuisance_names, *self.hidden)
+        """The names of all numbers of a trial, in the order of ``table``."""
+        return tuple(self.table)
 
     @cached_property
     def low(self) -> Floats:
-        """The least value of each parameter (n,)."""
-        return np.array([low for low, _ in self.parameters.values()], np.float64)
+        """The least value of each sought number (n,)."""
+        return np.array([self.table[name].low for name in self.sought], np.float64)
 
     @cached_property
     def high(self) -> Floats:
-        """The greatest value of each parameter (n,)."""
-        return np.array([high for _, high in self.parameters.values()], np.float64)
+        """The greatest value of each sought number (n,)."""
+        return np.array([self.table[name].high for name in self.sought], np.float64)
 
     @property
     def span(self) -> Floats:
-        """The widths of the parameters' ranges (n,)."""
+        """The widths of the sought numbers' ranges (n,)."""
         return self.high - self.low
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of nuisances that can be inferred or not."""
-        return groups_of(self.nuisance_list)
+        """The groups of numbers that can be inferred or not."""
+        return tuple(dict.fromkeys(one.group for one in self.table.values() if one.group))
 
     @property
     def unit(self) -> str:
@@ -448,13 +574,8 @@ class RobotModel:
         return "body" if self.parts else "robot"
 
     def with_unit(self, name: str, value: float, digits: int = 3) -> str:
-        """Return a value of a parameter or nuisance with its unit, where it has one."""
-        return f"{value:.{digits}g} {self.units.get(name, '')}".strip()
-
-    def varying(self, groups: Collection[str]) -> RobotModel:
-        """Return the robot whose nuisances of some groups vary from trial to trial, too."""
-        names = [n.name for n in self.nuisance_list if n.group in groups and not n.start]
-        return replace(self, each_trial=tuple(dict.fromkeys([*self.each_trial, *names])))
+        """Return a value of a number with its unit, where it has one."""
+        return f"{value:.{digits}g} {self.table[name].unit}".strip()
 
     def signal(self, values: Values, inputs: Any, fine: bool) -> NDArray[Any]:
         """Return what ``simulate`` returns, in double precision where it can and ``fine`` asks."""
@@ -478,43 +599,10 @@ def _check_distinct(what: str, names: Sequence[str]) -> None:
             )
 
 
-def _checked_range(name: str, ends: object) -> tuple[float, float]:
-    """Return the two ends of a parameter's range."""
-    if not isinstance(ends, list | tuple) or len(ends) != 2:
-        raise ConfigurationError(
-            f"parameters must be ranges (low, high) by name; got {brief(ends)} of {brief(name)}"
-        )
-    low, high = ends
-    real(f"low of {name}", low, -math.inf)
-    real(f"high of {name}", high, math.nextafter(low, math.inf))
-    return float(low), float(high)
-
-
-def _as_nuisances(
-    given: Mapping[str, Normal] | Sequence[Nuisance], changes: Sequence[Mapping[str, Normal]]
-) -> tuple[Nuisance, ...]:
-    """Return nuisances from distributions by name, or as they are; ranges have room for changes."""
-    if not isinstance(given, Mapping):
-        return all_of("nuisances", given, Nuisance)
-    mapping("nuisances", given, Normal)
-    found = []
-    for name, normal in given.items():
-        text("the name of a nuisance", name)
-        if math.isfinite(normal.sd):  # the prior is about its mean
-            real(f"mean of {name}", normal.mean, normal.low, normal.high)
-        reach = NUISANCE_RANGE_SDS * normal.sd
-        for change in (moves[name] for moves in changes if name in moves):
-            far = abs(change.mean) + NUISANCE_RANGE_SDS * math.hypot(normal.sd, change.sd)
-            reach = max(reach, far)
-        low = max(normal.low, normal.mean - reach)
-        high = min(normal.high, normal.mean + reach)
-        if not (math.isfinite(low) and math.isfinite(high)):
-            raise ConfigurationError(
-                f"{name} must have a finite range or spread; got {brief(normal)}"
-            )
-        found.append(Nuisance(name, low, high, min(max(normal.mean, low), high), normal.sd))
-    return tuple(found)
-
-
-if TYPE_CHECKING:  # they load scipy, and a statement needs none
-    pass
+def _rank(number: Number) -> int:
+    """Return where a number stands in the vector of unknowns."""
+    if number.circular:
+        return 3
+    if number.varies:
+        return 2
+    return 0 if number.sought else 1

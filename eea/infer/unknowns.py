@@ -14,6 +14,7 @@ from eea.infer.mixture import Mixture, Mode, log_constant
 from eea.infer.statement import Hypothesis, RobotModel
 
 FIXED_SLOT = -1  # an entry of ``slots`` that is a constant, not a parameter
+ALL_TRIALS = -1  # of ``entry_trials``, of an entry that all trials share
 # Prior precision of a dimension that a hypothesis fixes. The dimension stays an entry.
 FIXED_PRECISION = 1e12
 UNIFORM_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the range
@@ -23,13 +24,14 @@ UNIFORM_PRECISION = 12.0  # in 1/range^2, of a uniform distribution over the ran
 class Unknowns:
     """The unknowns of E trials as one vector theta (P,).
 
-    First come the robot's parameters and the nuisances common to all trials, as shares of their
-    ranges in [0, 1], then each trial's own nuisances (shares) and hidden angles (rad). A **slot**
-    is one of the W numbers that a trial is simulated with: body, nuisances, angles.
+    First come the numbers that all trials share, those that are sought before the others, as shares
+    of their ranges in [0, 1]; then each trial's own numbers (shares) and angles (rad). A **slot**
+    is one of the W numbers that a trial is simulated with, in the order of ``robot.table``.
     """
 
     robot: RobotModel
-    names: tuple[str, ...]  #: Of the entries; those of trial e end in ``@e``, from 1.
+    names: tuple[str, ...]  #: Of the entries, for people; those of trial e end in ``@e``, from 1.
+    groups: frozenset[str]  #: The groups of numbers that are inferred.
     low: Floats  #: Lower bounds (P,); infinite for angles.
     high: Floats  #: Upper bounds (P,).
     circular: NDArray[np.bool_]  #: Whether each entry (P,) is an angle.
@@ -38,7 +40,8 @@ class Unknowns:
     slots: NDArray[
         np.intp
     ]  #: (E, W), the entry that gives each slot of a trial its value, or ``FIXED_SLOT``.
-    _places: NDArray[np.intp]  # (P,), the slot of each entry
+    entry_slots: NDArray[np.intp]  #: (P,), the slot of each entry.
+    entry_trials: NDArray[np.intp]  #: (P,), the trial of each entry from 0, or ``ALL_TRIALS``.
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
     _span: Floats
@@ -51,67 +54,75 @@ class Unknowns:
         groups: Collection[str],
         hypothesis: Hypothesis | None = None,
     ) -> Unknowns:
-        """Return the unknowns of a number of trials; nuisances outside ``groups`` are nominal."""
+        """Return the unknowns of a number of trials; numbers outside ``groups`` have their mean."""
         hypothesis = robot.nominal if hypothesis is None else hypothesis
         fixed = robot.fixed(hypothesis)
-        nuisances = robot.nuisance_list
-        hidden = robot.hidden
-        size = len(robot.parameters)
-        angles = np.zeros(len(hidden))
-        low = np.concatenate([robot.low, [n.low for n in nuisances], angles])
-        span = np.concatenate([robot.span, [n.high - n.low for n in nuisances], angles + 1.0])
-        constants = np.zeros(len(low))
-        # Entries common to all trials, and entries of each: name, slot, prior mean and precision.
-        shared: list[tuple[str, int, float, float]] = []
-        own: list[tuple[str, int, float, float]] = []
-        for i, name in enumerate(robot.parameters):
+        table = robot.table
+        turning = np.array([number.circular for number in table.values()])
+        low = np.array([0.0 if one.circular else one.low for one in table.values()])
+        span = np.array([1.0 if one.circular else one.high - one.low for one in table.values()])
+        constants = np.zeros(len(table))
+        # Entries common to all trials, and entries of each: slot, prior mean and precision.
+        shared: list[tuple[int, float, float]] = []
+        own: list[tuple[int, float, float]] = []
+        for i, (name, number) in enumerate(table.items()):
+            if number.circular:
+                all_trials = name in hypothesis.shared_angles or not number.varies
+                (shared if all_trials else own).append((i, 0.0, 0.0))
+                continue
             if name in fixed:
                 constants[i] = (fixed[name] - low[i]) / span[i]
-                shared.append((name, i, constants[i], FIXED_PRECISION))
-            else:
-                shared.append((name, i, 0.5, 0.0))
-        for i, nuisance in enumerate(nuisances, size):
-            name = nuisance.name
-            constants[i] = mean = (nuisance.nominal - low[i]) / span[i]
-            precision = (span[i] / nuisance.sd) ** 2
-            inferred = nuisance.start or (nuisance.group in groups and not nuisance.switch)
-            by_trial = nuisance.start or name in robot.each_trial
-            if name in fixed:
-                constants[i] = (fixed[name] - low[i]) / span[i]
-            elif name in hypothesis.freed or (inferred and not by_trial):
-                shared.append((name, i, mean, precision))
-            elif inferred:
-                own.append((name, i, mean, precision))
-        for i, name in enumerate(hidden, size + len(nuisances)):
-            (shared if name in hypothesis.shared_angles else own).append((name, i, 0.0, 0.0))
-        slots = np.full((trials, len(low)), FIXED_SLOT, dtype=np.intp)
-        for entry, (name, i, _, _) in enumerate(shared):
-            if name not in fixed:
+                if number.sought:
+                    shared.append((i, constants[i], FIXED_PRECISION))
+                continue
+            if number.sought:
+                shared.append((i, 0.5, 0.0))
+                continue
+            assert number.mean is not None
+            constants[i] = mean = (number.mean - low[i]) / span[i]
+            row = (i, mean, (span[i] / number.sd) ** 2)
+            if number.varies:
+                own.append(row)
+            elif name in hypothesis.freed or number.group in groups:
+                shared.append(row)
+        slots = np.full((trials, len(table)), FIXED_SLOT, dtype=np.intp)
+        names = robot.names
+        for entry, (i, _, _) in enumerate(shared):
+            if names[i] not in fixed:
                 slots[:, i] = entry
-        by_trial_slots = [i for _, i, _, _ in own]
         count = len(shared) + trials * len(own)
-        slots[:, by_trial_slots] = np.arange(len(shared), count).reshape(trials, len(own))
-        rows = shared + [(f"{name}@{e + 1}", *row) for e in range(trials) for name, *row in own]
-        names, places, means, precisions = zip(*rows, strict=True)
-        turning = np.array(places) >= size + len(nuisances)
+        own_slots = [i for i, _, _ in own]
+        slots[:, own_slots] = np.arange(len(shared), count).reshape(trials, len(own))
+        places, means, precisions = zip(*shared, *(own * trials), strict=True)
+        entry_slots = np.array(places, dtype=np.intp)
+        entry_trials = np.full(count, ALL_TRIALS, dtype=np.intp)
+        entry_trials[len(shared) :] = np.repeat(np.arange(trials), len(own))
+        circular = turning[entry_slots]
         prior = _Prior(
+            entry_slots,
+            entry_trials,
             np.array(means),
             np.diag(precisions),
-            np.where(turning, -np.inf, 0.0),
-            np.where(turning, np.inf, 1.0),
+            np.where(circular, -np.inf, 0.0),
+            np.where(circular, np.inf, 1.0),
         )
-        _inform(prior, robot, hypothesis, names)
-        _move(prior, robot, hypothesis, names)
+        _inform(prior, robot, hypothesis)
+        _move(prior, robot, hypothesis)
         return cls(
             robot,
-            names,
+            tuple(
+                names[i] if e == ALL_TRIALS else f"{names[i]}@{e + 1}"
+                for i, e in zip(entry_slots.tolist(), entry_trials.tolist(), strict=True)
+            ),
+            groups=frozenset(groups),
             low=prior.low,
             high=prior.high,
-            circular=turning,
+            circular=circular,
             prior_mean=prior.mean,
             prior_information=prior.information,
             slots=slots,
-            _places=np.array(places),
+            entry_slots=entry_slots,
+            entry_trials=entry_trials,
             _constants=constants,
             _offset=low,
             _span=span,
@@ -122,8 +133,8 @@ class Unknowns:
 
     @property
     def body(self) -> int:
-        """Number of the entries of the robot's parameters, which come first."""
-        return len(self.robot.parameters)
+        """Number of the entries of the numbers that are sought, which come first."""
+        return len(self.robot.sought)
 
     @property
     def unknowns(self) -> int:
@@ -153,7 +164,7 @@ class Unknowns:
 
     def natural(self, theta: Floats) -> Floats:
         """Return vectors (..., P) in natural units; angles stay rad."""
-        values: Floats = self._offset[self._places] + self._span[self._places] * theta
+        values: Floats = self._offset[self.entry_slots] + self._span[self.entry_slots] * theta
         return values
 
     def models(self, theta: Floats) -> Floats:
@@ -176,36 +187,49 @@ class Unknowns:
         theta[:, : self.body] = np.where(sought, within, theta[:, : self.body])
         return theta
 
+    def entries_of(self, name: str) -> NDArray[np.intp]:
+        """Return which entries are a number: one, or one of each trial."""
+        return np.flatnonzero(self.entry_slots == self.robot.names.index(name))
+
     def first_entry(self, name: str) -> int:
         """Return which entry is a number, in the first trial if each trial has its own."""
-        return self.names.index(name if name in self.names else f"{name}@1")
+        return int(self.entries_of(name)[0])
+
+    def has(self, name: str) -> bool:
+        """Return whether a number is an entry."""
+        return name in self.robot.table and bool(len(self.entries_of(name)))
+
+    def base(self, entry: int) -> str:
+        """Return the name of the number that an entry is, whichever trial's."""
+        return self.robot.names[int(self.entry_slots[entry])]
 
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
-        """Return which entries (h,) are a trial's hidden angles."""
-        return self.slots[trial, self.slots.shape[1] - len(self.robot.hidden) :]
+        """Return which entries (h,) are a trial's angles."""
+        return self.slots[trial, self.slots.shape[1] - len(self.robot.angles) :]
+
+    @property
+    def common(self) -> NDArray[np.bool_]:
+        """Which entries (P,) all trials share."""
+        return np.asarray(self.entry_trials == ALL_TRIALS)
 
     def common_entries(self) -> NDArray[np.intp]:
         """Return which entries are sought and common to all trials, and are no angles."""
         sought = self.prior_precision < FIXED_PRECISION
-        common = np.array(["@" not in name for name in self.names])
-        return np.flatnonzero(sought & common & ~self.circular)
+        return np.flatnonzero(sought & self.common & ~self.circular)
 
     def own_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries are a trial's alone."""
-        own = [
-            entry for entry in self.slots[trial] if entry != FIXED_SLOT and "@" in self.names[entry]
-        ]
-        return np.array(own, dtype=np.intp)
+        return np.flatnonzero(self.entry_trials == trial)
 
     def freed_entries(self) -> NDArray[np.intp]:
         """Return which entries are switches that the hypothesis has freed."""
-        switches = {n.name for n in self.robot.nuisance_list if n.switch}
-        return np.flatnonzero([name in switches for name in self.names])
+        switches = np.array([number.switch for number in self.robot.table.values()])
+        return np.flatnonzero(switches[self.entry_slots])
 
     def start_slots(self) -> NDArray[np.intp]:
-        """Return which slots are a trial's initial state, except the angles."""
-        starts = [n.start for n in self.robot.nuisance_list]
-        return self.body + np.flatnonzero(np.array(starts, dtype=np.bool_))
+        """Return which slots are a trial's own, except the angles."""
+        own = ~self.common & ~self.circular
+        return np.unique(self.entry_slots[own])
 
     def into_bounds(self, theta: Floats) -> Floats:
         """Return vectors (..., P) brought into the box, and their angles into [-pi, pi)."""
@@ -243,51 +267,47 @@ class Unknowns:
 class _Prior(NamedTuple):
     """A normal prior of P entries, within bounds, as shares of their ranges."""
 
+    slots: NDArray[np.intp]
+    trials: NDArray[np.intp]
     mean: Floats
     information: Floats
     low: Floats
     high: Floats
 
 
-def _inform(
-    prior: _Prior, robot: RobotModel, hypothesis: Hypothesis, names: tuple[str, ...]
-) -> None:
+def _inform(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis) -> None:
     """Write a robot's own prior over that of entries that no hypothesis moves, in place."""
     known = robot.prior
     if known is None:
         return
     silent = {*hypothesis.moves, *robot.fixed(hypothesis)}
-    said = [name for name in known.names if name not in silent]
-    each = {name.partition("@")[2] for name in names if name.partition("@")[0] in robot.each_trial}
-    for trial in ("", *sorted(each - {""})):
-        here = {name: f"{name}@{trial}" if trial else name for name in said}
-        here = {name: own for name, own in here.items() if own in names}
-        if trial:
-            here = {name: own for name, own in here.items() if name in robot.each_trial}
-        entries = [names.index(own) for own in here.values()]
-        which = [known.names.index(name) for name in here]
-        prior.mean[entries] = known.mean[which]
-        prior.information[entries] = 0.0
+    wanted = {robot.names.index(n): k for k, n in enumerate(known.names) if n not in silent}
+    for trial in np.unique(prior.trials):
+        here = [i for i in np.flatnonzero(prior.trials == trial) if prior.slots[i] in wanted]
+        which = [wanted[prior.slots[i]] for i in here]
+        prior.mean[here] = known.mean[which]
+        prior.information[here] = 0.0
         covariance = known.covariance[np.ix_(which, which)]
-        prior.information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
+        prior.information[np.ix_(here, here)] = np.linalg.inv(covariance)
 
 
-def _move(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis, names: tuple[str, ...]) -> None:
+def _move(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis) -> None:
     """Write what a hypothesis moves, and how far, into the prior, in place.
 
     A change adds to what was known, and is the same in all trials. Its bounds count from the mean
     of what was known.
     """
     for name, change in hypothesis.moves.items():
-        entries = [i for i, one in enumerate(names) if one.partition("@")[0] == name]
-        low, high = robot.ranges[name]
+        entries = np.flatnonzero(prior.slots == robot.names.index(name))
+        low = robot.table[name].low
+        high = robot.table[name].high
         was = (robot.usual.get(name, 0.5 * (low + high)) - low) / (high - low)
         prior.low[entries] = np.clip(was + change.low / (high - low), 0.0, 1.0)
         prior.high[entries] = np.clip(was + change.high / (high - low), 0.0, 1.0)
         block = np.ix_(entries, entries)
         if np.isfinite(change.sd):
             own = _variance(robot, name, prior.information[block])
-            prior.mean[entries] = was + change.mean / (high - low)
+            prior.mean[entries] = was + (change.mean or 0.0) / (high - low)
             covariance = own * np.eye(len(entries)) + (change.sd / (high - low)) ** 2
             prior.information[block] = np.linalg.inv(covariance)
         else:
@@ -296,7 +316,7 @@ def _move(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis, names: tuple
 
 def _variance(robot: RobotModel, name: str, information: Floats) -> float:
     """Return the variance of a number before it moved, as a share of its range squared."""
-    if name in robot.whole:
+    if name in robot.healthy:
         return 0.0
     if robot.prior is not None and name in robot.prior.names:
         i = robot.prior.names.index(name)

@@ -217,10 +217,10 @@ def _sizes(robot: RobotModel, name: str) -> dict[str, _Size]:
     hint = f"; {part.hint}" if part.hint else ""
     sizes = {}
     for dimension, label in part.sizes.items():
-        i = list(robot.parameters).index(dimension)
-        low, high = robot.parameters[dimension]
-        unit = robot.units.get(dimension, "")
-        sizes[dimension] = _Size(f"the {name}", label, i, low, high, unit, hint)
+        i = robot.sought.index(dimension)
+        number = robot.table[dimension]
+        where = f"the {name}"
+        sizes[dimension] = _Size(where, label, i, number.low, number.high, number.unit, hint)
     return sizes
 
 

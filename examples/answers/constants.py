@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from eea import Hypothesis, Normal, Nuisance, Robot, Trial
+from eea import Hypothesis, Number, Robot, Trial
 
 PERIOD = 0.01  # s, between samples
 WINDOW = 100  # samples
@@ -58,19 +58,20 @@ def simulate(values: Any, volts: NDArray[Any]) -> NDArray[Any]:
 
 
 MOTOR = Robot(
-    parameters={"Ks": (0.0, 3.0), "Kv": (0.5, 6.0), "Ka": (0.02, 1.0)},
     simulate=simulate,
+    numbers={
+        "Ks": Number(0.0, 3.0, unit="V"),
+        "Kv": Number(0.5, 6.0, unit="V s/m"),
+        "Ka": Number(0.02, 1.0, unit="V s^2/m"),
+        "position at first": Number(-100.0, 100.0, varies=True),
+        "velocity at first": Number(-8.0, 8.0, varies=True),
+    },
     channels={"position": "m", "velocity": "m/s"},
-    nuisances=[
-        Nuisance("position at first", -100.0, 100.0, nominal=0.0, start=True),
-        Nuisance("velocity at first", -8.0, 8.0, nominal=0.0, start=True),
-    ],
     hypotheses=[
-        Hypothesis("the friction has changed", moves={"Ks": Normal(0.0, 0.5)}, odds=0.1),
-        Hypothesis("the speed per volt has changed", moves={"Kv": Normal(0.0, 0.5)}, odds=0.1),
-        Hypothesis("the load has changed", moves={"Ka": Normal(0.0, 0.1)}, odds=0.1),
+        Hypothesis("the friction has changed", moves={"Ks": Number(0.0, sd=0.5)}, odds=0.1),
+        Hypothesis("the speed per volt has changed", moves={"Kv": Number(0.0, sd=0.5)}, odds=0.1),
+        Hypothesis("the load has changed", moves={"Ka": Number(0.0, sd=0.1)}, odds=0.1),
     ],
-    units={"Ks": "V", "Kv": "V s/m", "Ka": "V s^2/m"},
 )
 STEADY_SECONDS = 5.0
 CHANGES = {
@@ -188,7 +189,7 @@ def draw(out: Path, history: list[Any]) -> None:
         axes.step(time, middle, color="tab:blue", where="mid")
         truth = np.where((time > 40.4) & (name == "Ks"), 1.0, true)
         axes.step(time, truth, color="black", linestyle="--", linewidth=1.0, where="mid")
-        axes.set(ylabel=f"{name} ({MOTOR.units[name]})", ylim=(0.0, 1.05 * high.max()))
+        axes.set(ylabel=f"{name} ({MOTOR.table[name].unit})", ylim=(0.0, 1.05 * high.max()))
     rows[0].set_title("90% intervals; dashed: true. Grey: steady voltage. Red: alarms.")
     innovation = [followed.innovation_rms for followed in history]
     rows[3].step(time, innovation, color="tab:blue", where="mid")

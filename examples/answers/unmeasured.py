@@ -22,7 +22,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 
-from eea import FitConfig, Robot, Trial
+from eea import FitConfig, Number, Robot, Trial
 
 # It is without functions where what it needs is not installed.
 SYSID: Any = import_module("mujoco.sysid") if find_spec("mujoco.sysid") else None
@@ -120,11 +120,14 @@ def _possible(values: Any, links: int) -> NDArray[np.bool_]:
 UNITS = {"mass": "kg", "moment": "kg m", "inertia": "kg m^2", "damping": "N m s"}
 RANGES = {"mass": (0.2, 3.0), "moment": (0.0, 1.0), "inertia": (0.001, 0.3), "damping": (0.0, 0.3)}
 ROBOT = Robot(
-    parameters={f"{name} {link}": RANGES[name] for link in TRUTH for name in RANGES},
     simulate=swing,
+    numbers={
+        f"{name} {link}": Number(*RANGES[name], unit=UNITS[name])
+        for link in TRUTH
+        for name in RANGES
+    },
     channels={"angle 1": "rad", "rate 1": "rad/s", "angle 2": "rad", "rate 2": "rad/s"}
     | {"force x": "N", "force z": "N"},
-    units={f"{name} {link}": UNITS[name] for link in TRUTH for name in UNITS},
 )
 KNOWN_NOISE = {name: NOISE[name.split()[0]] for name in ROBOT.channels}
 EFFORT = FitConfig(bodies=32, poses=1, descents=4, polished=1, restarts=0)
@@ -289,7 +292,7 @@ def draw(out: Path, fits: list[dict[str, float]], found: Any, known: Any, prospe
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.0), width_ratios=(1.0, 1.1))
-    names = list(ROBOT.parameters)
+    names = list(ROBOT.sought)
     columns = [names.index("mass 2"), names.index("moment 1")]
     x, y = found.sample(400, np.random.default_rng(0))[:, columns].T
     left.plot(x, y, ".", color="0.72", markersize=4, label="posterior of one swing")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from aquafish_gym.runs.progress import track
-from eea import FitConfig, Hypothesis, Normal, Robot, Trial
+from eea import FitConfig, Hypothesis, Number, Robot, Trial
 from eea.infer.known import Reference
 from eea.infer.statement import Values
 from experiments.real.haizhe import CONDITIONS, RATE_HZ, Floats, Swim, read_swims, sessions
@@ -45,14 +45,16 @@ NUMBERS = {"depth at rest": "m", "descent at the rotors' rate": "log m", "rotor 
 
 
 RANGES = {  # of a healthy robot, and of one that is broken
-    "depth at rest": (-1.0, 1.0),
-    "descent at the rotors' rate": (-6.0, 3.0),
-    "rotor line": (-20.0, 40.0),
+    "depth at rest": Number(-1.0, 1.0),
+    "descent at the rotors' rate": Number(-6.0, 3.0),
+    "rotor line": Number(-20.0, 40.0),
 }
 FAULTS = (
-    Hypothesis("it is heavier", moves={"descent at the rotors' rate": Normal(0.0, 0.3, low=0.0)}),
-    Hypothesis("the depth sensor is off", moves={"depth at rest": Normal(0.0, 0.1)}),
-    Hypothesis("a propeller is damaged", moves={"rotor line": Normal(0.0, 3.0, low=0.0)}),
+    Hypothesis(
+        "it is heavier", moves={"descent at the rotors' rate": Number(mean=0.0, sd=0.3, low=0.0)}
+    ),
+    Hypothesis("the depth sensor is off", moves={"depth at rest": Number(0.0, sd=0.1)}),
+    Hypothesis("a propeller is damaged", moves={"rotor line": Number(mean=0.0, sd=3.0, low=0.0)}),
 )
 NOTHING = "nothing is broken"
 CALLED = (NOTHING, *(fault.name for fault in FAULTS))
@@ -66,8 +68,8 @@ def numbers_of_swims(values: Values, _: object) -> Floats:
 
 
 AUV = Robot(
-    parameters=RANGES,
     simulate=numbers_of_swims,
+    numbers=RANGES,
     channels=NUMBERS,
     hypotheses=FAULTS,
 )

@@ -20,7 +20,7 @@ import numpy as np
 
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.progress import track
-from eea import Robot, Trial
+from eea import Number, Robot, Trial
 from eea.core.config import FitConfig
 from experiments.real.beat import AHEAD, Case, Swing, cases_of, learn_swing, observe
 from experiments.real.fish_rivals import RIVALS, rival_paths
@@ -69,8 +69,8 @@ def simulate(values: Mapping[str, Floats], inputs: Floats) -> Floats:
 def fish_robot() -> Robot:
     """Return the fish: poses every half second from a start on."""
     return Robot(
-        parameters={**RANGES, LEAD: (0.0, TAU)},
         simulate=lambda values, inputs: simulate(values, inputs)[:, COMPARED::COMPARED],
+        numbers={name: Number(*ends) for name, ends in {**RANGES, LEAD: (0.0, TAU)}.items()},
         channels={"x": "m", "y": "m", "heading": "rad"},
         hypotheses=(),
         stride=1,
@@ -85,7 +85,7 @@ def infer(
     trials = [Trial(case.after[COMPARED::COMPARED], inputs_of(case, swing)) for case in cases]
     found = robot.infer(trials, seed, config=config)
     drawn = found.sample(DRAWS, np.random.default_rng(seed))
-    return dict(zip(robot.parameters, drawn.T, strict=True))
+    return dict(zip(robot.sought, drawn.T, strict=True))
 
 
 class Prediction(NamedTuple):

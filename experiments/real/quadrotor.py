@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from eea import Hypothesis, Normal, Robot
+from eea import Hypothesis, Number, Robot
 from experiments.real.blade import loss
 from experiments.real.crazypad import MOTORS, Floats
 from experiments.real.hover import AXES, MIX
@@ -26,13 +26,13 @@ FULL_GRAMS = 60.0
 #: The share of a hovering motor's voltage that its resistance takes. The same map is
 #: ``a f + b sqrt(f)`` through 25 and 45 g, which is such a motor with thrust ~ speed^2; of its
 #: voltage at 36 g, a hover, ``a f`` is 0.36.
-RESISTIVE = Normal(0.36, 0.05)
+RESISTIVE = Number(0.36, sd=0.05)
 #: The loss of a cut propeller, over that of blade theory. The theory knows the outline within 10%,
 #: and takes a blade for a lifting line that is three times as long as wide.
-BLADE = Normal(1.0, 0.2)
-FLAPPING = Normal(0.0, 0.05)  # pitch command at a forward speed of 1 m/s
-LOST_MM = Normal(0.0, 4.0, low=0.0)  # a propeller of 47 mm loses a few mm, hardly 10
-LOAD = Normal(0.0, 0.3, low=0.0)  # a weight at a motor, over a quarter of the drone's
+BLADE = Number(1.0, sd=0.2)
+FLAPPING = Number(0.0, sd=0.05)  # pitch command at a forward speed of 1 m/s
+LOST_MM = Number(mean=0.0, sd=4.0, low=0.0)  # a propeller of 47 mm loses a few mm, hardly 10
+LOAD = Number(mean=0.0, sd=0.3, low=0.0)  # a weight at a motor, over a quarter of the drone's
 MOST_LOST_MM = 10.0
 MOST_LOAD = 0.8
 ONE_CUT_ODDS = 0.6  # over nothing's, of all four
@@ -116,19 +116,17 @@ def quadrotor(known: Known) -> Robot:
         signal[:, :, AXES.index("pitch")] += values["flapping"][:, None] * inputs
         return signal
 
+    trims = spread.flight.tolist()
     return Robot(
-        parameters=dict.fromkeys(lost, (0.0, MOST_LOST_MM))
-        | dict.fromkeys(loads, (0.0, MOST_LOAD)),
         simulate=simulate,
+        numbers=dict.fromkeys(lost, Number(0.0, MOST_LOST_MM, healthy=0.0, unit="mm"))
+        | dict.fromkeys(loads, Number(0.0, MOST_LOAD, healthy=0.0))
+        | {"blade": BLADE, "resistive": RESISTIVE, "flapping": FLAPPING}
+        | {gain: Number(0.0, sd=spread.gain) for gain in GAINS}
+        | {"battery": Number(0.0, sd=spread.battery)}
+        | {trim: Number(0.0, sd=sd, varies=True) for trim, sd in zip(TRIMS, trims, strict=True)},
         channels=dict.fromkeys(AXES, "log command"),
-        whole=dict.fromkeys(lost + loads, 0.0),
-        nuisances={"blade": BLADE, "resistive": RESISTIVE, "flapping": FLAPPING}
-        | {gain: Normal(0.0, spread.gain) for gain in GAINS}
-        | {"battery": Normal(0.0, spread.battery)}
-        | {trim: Normal(0.0, sd) for trim, sd in zip(TRIMS, spread.flight.tolist(), strict=True)},
-        each_trial=TRIMS,
         hypotheses=what_may_break(),
-        units=dict.fromkeys(lost, "mm"),
     )
 
 

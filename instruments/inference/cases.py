@@ -128,9 +128,9 @@ def _all_unknowns(belief: Answer, robot: Robot, rng: np.random.Generator) -> dic
 def truth_of(parameters: Unknowns, robot: Robot) -> Floats:
     """Return the truth as a vector (P,) of the unknowns."""
     model = parameters.robot
-    values = dict(zip(model.parameters, robot.body, strict=True)) | robot.world
+    values = dict(zip(model.sought, robot.body, strict=True)) | robot.world
     for trial, angles in enumerate(robot.angles, 1):
-        values |= {f"{n}@{trial}": a for n, a in zip(model.hidden, angles, strict=True)}
+        values |= {f"{n}@{trial}": a for n, a in zip(model.angles, angles, strict=True)}
     low, high = parameters.natural(np.array([[0.0], [1.0]]))
     truth = np.array([values[name] for name in parameters.names])
     inside: Floats = (truth - low) / (high - low)

@@ -15,7 +15,7 @@ from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.utils.array_types import Triple
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
-from eea.fish.joint import CURRENT, DRAG, GYRO_BIAS, LAG, NUISANCES, SERVO_GAIN
+from eea.fish.joint import CURRENT, CURRENTS, DRAG, GYRO_BIAS, LAG, NUISANCES, SERVO_GAIN
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.infer.trials import Observed
@@ -42,7 +42,8 @@ SPANS = np.array([d.maximum for d in DIMENSIONS])
 
 
 #: The nuisances of an ordinary robot, by name.
-ORDINARY_WORLD = {n.name: n.nominal for n in NUISANCES}
+NUMBERS = {**CURRENTS, **NUISANCES}
+ORDINARY_WORLD = {name: number.mean or 0.0 for name, number in NUMBERS.items()}
 
 
 def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats:
@@ -65,10 +66,11 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> dict[str, float]:
         values |= dict(zip(DRAG, 1.0 + 0.2 * rng.choice([-1.0, 1.0], 2), strict=True))
         values[SERVO_GAIN] = 0.95
     elif setting.world == "prior":
-        for n in NUISANCES:
+        for name, n in NUMBERS.items():
             if not n.switch:
-                ends = (n.low - n.nominal) / n.sd, (n.high - n.nominal) / n.sd
-                values[n.name] = truncnorm.rvs(*ends, n.nominal, n.sd, random_state=rng)
+                mean = ORDINARY_WORLD[name]
+                ends = (n.low - mean) / n.sd, (n.high - mean) / n.sd
+                values[name] = truncnorm.rvs(*ends, mean, n.sd, random_state=rng)
     return values
 
 

@@ -24,8 +24,8 @@ def test_importing_the_package_loads_numpy_and_the_standard_library_only():
 
 def test_joint_inference_loads_its_statistics_when_it_is_used():
     code = (
-        "import sys; from eea import JointConfig, Nuisance, Robot; "
-        "JointConfig(noise=0.01); Nuisance('lag', 0.0, 1.0, 0.0); "
+        "import sys; from eea import JointConfig, Number, Robot; "
+        "JointConfig(noise=0.01); Number(0.0, 1.0); "
         "early = 'scipy' in sys.modules; from eea import JointInference; "
         "sys.exit(early or 'scipy' not in sys.modules)"
     )

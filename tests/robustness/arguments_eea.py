@@ -15,8 +15,7 @@ from eea import (
     Hypothesis,
     JointConfig,
     JointInference,
-    Normal,
-    Nuisance,
+    Number,
     PaperConfig,
     Problem,
     RecordedLog,
@@ -79,19 +78,18 @@ class Pendulum(Simulator):
 
 
 SWINGING = Robot(
-    {LENGTH.name: (0.0, 3.0)}, swing, {"gyro": "rad/s"},
-    nuisances=(Nuisance("bias", -0.1, 0.1, 0.0),), hidden=("angle",),
-)  # fmt: skip
+    swing,
+    {LENGTH.name: Number(0.0, 3.0), "bias": Number(0.0, sd=0.05), "angle": Number.angle()},
+    {"gyro": "rad/s"},
+)
 RECORDED = Trial(np.zeros((64, 1)), [1.0])
 SETTINGS = {
     "nuisances": ("lag",), "noise": 0.01, "alternatives": "never", "bodies": 3,
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
 #: A robot that is answered, learned and followed: a number with hidden names and a hypothesis.
-SPRING = Robot(
-    {"stiffness": (1.0, 9.0)}, stretch, {"force": "N"}, whole={"stiffness": 4.0},
-)  # fmt: skip
-SOFT = Robot({"stiffness": (1.0, 9.0)}, stretch, {"force": "N"}, hypotheses=())
+SPRING = Robot(stretch, {"stiffness": Number(1.0, 9.0, healthy=4.0)}, {"force": "N"})
+SOFT = Robot(stretch, {"stiffness": Number(1.0, 9.0)}, {"force": "N"}, hypotheses=())
 PULL = np.sin(np.arange(40.0))
 PULLED = [
     Trial((4.0 * PULL + np.random.default_rng(i).normal(0.0, 0.1, 40))[:, None], PULL)
@@ -195,22 +193,10 @@ ROWS = [
         {"target": "target"},
     ),
     Call(
-        Nuisance,
-        {
-            "name": "bias", "low": -0.1, "high": 0.5, "nominal": 0.0, "sd": 0.05, "group": "bias",
-            "switch": False, "start": False, "valleys": 0,
-        },
-        options(
-            name="text", low="minus one", high="fraction, big", nominal="fraction",
-            sd="fraction, infinity, big", group="text, empty text", switch="true", start="true",
-        ),
-        {"low": "bias"},
-    ),
-    Call(
         Hypothesis,
         {
             "name": "the servo is dead", "fixed": {"servo": 0.0}, "shared_angles": ("angle",),
-            "freed": (), "part": "tail", "moves": {"length": Normal(0.0, 1.0)}, "changes": 1,
+            "freed": (), "part": "tail", "moves": {"length": Number(0.0, sd=1.0)}, "changes": 1,
             "odds": 1.0, "hint": "swim",
         },
         options(
@@ -242,11 +228,16 @@ ROWS = [
     ),
     Call(Calibration, {"levels": (0.01, 0.1), "rows": ((0.8, 0.9), (1.0, 0.7))}),
     Call(
-        Normal,
-        {"mean": 0.0, "sd": 1.0, "low": -3.0, "high": 3.0},
+        Number,
+        {
+            "low": -3.0, "high": 3.0, "mean": 0.0, "sd": 1.0, "unit": "m", "healthy": None,
+            "varies": False, "circular": False, "group": "", "switch": False, "valleys": 0,
+        },
         options(
-            mean="minus one, fraction, big", sd="fraction, infinity, big",
+            mean="minus one, fraction, big, none", sd="fraction, infinity, big",
             low="minus one, fraction", high="minus one, fraction, big, infinity",
+            unit="text, empty text", healthy="none, minus one, fraction", group="text, empty text",
+            varies="true", switch="true",
         ),
     ),
     Call(
@@ -257,17 +248,13 @@ ROWS = [
     Call(
         Robot,
         {
-            "parameters": {"length": (0.0, 3.0)}, "simulate": swing, "channels": {"gyro": "rad/s"},
-            "whole": {"length": 1.0}, "nuisances": (), "each_trial": (), "hidden": ("angle",),
-            "hypotheses": (), "at_once": 1, "units": {}, "parts": {},
+            "simulate": swing, "numbers": {"length": Number(0.0, 3.0), "angle": Number.angle()},
+            "channels": {"gyro": "rad/s"}, "hypotheses": (), "at_once": 1, "parts": {},
             "nominal": Hypothesis("all is well"), "prior": None, "discrepancy": None, "stride": 1,
             "loudest": 1.0,
         },
         options(
-            simulate=CALLABLE, nuisances="empty list, empty mapping",
-            hypotheses="none, empty list", parts="empty mapping", units="empty mapping",
-            whole="empty mapping", each_trial="empty list", prior="none",
-            hidden="empty list, list of text",
+            simulate=CALLABLE, hypotheses="none, empty list", parts="empty mapping", prior="none",
             discrepancy="none", loudest="fraction, big, infinity",
         ),
     ),

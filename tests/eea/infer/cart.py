@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eea import FitConfig, Normal, Robot, Trial
+from eea import FitConfig, Number, Robot, Trial
 
 TIME = np.arange(60)
 PUSH = np.sin(TIME / 4.0)
@@ -22,14 +22,20 @@ def roll(values, push):
 
 
 CART = Robot(
-    {"gain": (0.0, 2.0), "drag": (0.0, 2.0)},
     roll,
+    {
+        "gain": Number(0.0, 2.0, healthy=1.0, unit="m"),
+        "drag": Number(0.0, 2.0, healthy=1.0),
+        "bias": Number(0.0, sd=0.1),
+    },
     {"rate": "rad/s", "force": "N"},
-    whole={"gain": 1.0, "drag": 1.0},
-    nuisances={"bias": Normal(0.0, 0.1)},
-    units={"gain": "m"},
 )
-SOUGHT = replace(CART, whole={}, hypotheses=())  # both numbers, by intervals
+SOUGHT = replace(CART.without_healthy(), hypotheses=())  # both numbers, by intervals
+
+
+def with_numbers(robot, **numbers):
+    """Return a robot some of whose numbers are others."""
+    return replace(robot, numbers={**robot.numbers, **numbers})
 
 
 def measured(rng, push=PUSH, sd=SD, correlation=0.0, **values):

@@ -12,7 +12,7 @@ from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
 from eea.infer.robot import Robot
 from eea.infer.session import JointInference
-from eea.infer.statement import Hypothesis, Nuisance, Part
+from eea.infer.statement import Hypothesis, Number, Part
 
 STEPS = 64
 TRUTH = np.array([1.3, 0.4])
@@ -40,14 +40,15 @@ PROBLEM = Problem(
     axes=2,
 )
 SWING = Robot(
-    {"arm.length": (0.0, 2.0), "arm.friction": (0.0, 1.0)},
     simulate,
+    {
+        "arm.length": Number(0.0, 2.0),
+        "arm.friction": Number(0.0, 1.0),
+        "bias": Number(-0.1, 0.1, mean=0.0, sd=0.05),
+        "motor": Number(0.0, 1.0, mean=1.0, switch=True),
+        "angle": Number.angle(),
+    },
     {"arm": "rad/s", "dragged": "rad/s"},
-    nuisances=(
-        Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05),
-        Nuisance("motor", 0.0, 1.0, 1.0, switch=True),
-    ),
-    hidden=("angle",),
     hypotheses=(Hypothesis("the motor is dead", {"motor": 0.0}),),
     parts={"arm": Part({"arm.length": "length", "arm.friction": "friction"}, hint="go faster")},
 )

@@ -16,6 +16,7 @@ from eea.fish.simulator import EngineSimulator
 from eea.fish.simulator_error import Assumed, Discrepancy, contradiction
 from eea.infer.fit import fit
 from eea.infer.robot import Robot
+from eea.infer.statement import Number
 from eea.infer.trials import Observed
 
 TIME = 0.01 * np.arange(1, 129)
@@ -43,8 +44,12 @@ def slips(mixed):
 def inferred(slip, mixed, seed=0):
     """Return the posterior of trials with a slip, which the simulator assumes to be none."""
     discrepancy = Discrepancy(1e-4, 5.0, assumed=(SLIP,), assumed_shapes=slips(mixed))
-    robot = Robot({"size": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("a",),
-                  discrepancy=discrepancy)  # fmt: skip
+    robot = Robot(
+        wheel,
+        {"size": Number(0.0, 1.0), "a": Number.angle()},
+        {"gyro": "rad/s"},
+        discrepancy=discrepancy,
+    )
     rng = np.random.default_rng(seed)
     signal = 0.5 * SLOW + slip * (SLOW + mixed * FAST) + NOISE * rng.normal(size=(2, 128))
     return fit(Observed(np.full((2, 1), 0.5), signal[:, :, None]), robot, QUICK, rng)

@@ -9,14 +9,15 @@ import pytest
 from eea.fish.hypotheses import AS_COMMANDED
 from eea.infer.mixture import Mixture
 from eea.infer.robot import Robot
-from eea.infer.statement import Hypothesis, Part
+from eea.infer.statement import Hypothesis, Number, Part
 from eea.infer.words import Fit, findings
 from linear_worlds import mode
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])
 RANGES = (2.0, 1.0, 0.1, 2.0, 1.0, 1.2)
-PARAMETERS = {name: (0.0, high) for name, high in zip(NAMES, RANGES, strict=False)}
+NUMBERS = {name: Number(0.0, high) for name, high in zip(NAMES, RANGES, strict=False)}
+NUMBERS["phase"] = Number.angle()
 SIZES = {name: name.partition(".")[2] for name in NAMES[:5]}
 FIN = Part({name: SIZES[name] for name in NAMES[:3]}, NAMES[:2], "faster flippers would tell")
 TAIL = Part({name: SIZES[name] for name in NAMES[3:5]}, NAMES[3:5], "a faster tail would tell")
@@ -30,10 +31,7 @@ def known(*modes):
 
 
 def robot_of(parts):
-    return Robot(
-        PARAMETERS, lambda *_: None, {"gyro": "rad/s"}, hidden=("phase",), parts=parts,
-        nominal=AS_COMMANDED,
-    )  # fmt: skip
+    return Robot(lambda *_: None, NUMBERS, {"gyro": "rad/s"}, parts=parts, nominal=AS_COMMANDED)
 
 
 def said_of(posterior, parts=BOTH):
@@ -136,8 +134,8 @@ def test_numbers_have_the_units_that_the_robot_states():
     slope = np.zeros(7)
     at[0] = 1.0
     slope[0] = -600.0
-    units = {"fin.length": "m", "fin.width": "m"}
-    robot = replace(robot_of({"fin": FIN}), units=units)
+    metres = {name: replace(NUMBERS[name], unit="m") for name in ("fin.length", "fin.width")}
+    robot = replace(robot_of({"fin": FIN}), numbers={**NUMBERS, **metres})
     (said,) = findings(known(mode(at, np.diag(KNOWN), 0.0, slope)), robot)
     assert said == "the fin's length is at the end of its range, 2 m, and may be beyond it"
     at[0] = 0.0

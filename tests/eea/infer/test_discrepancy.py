@@ -17,7 +17,7 @@ from eea.infer.fit import fit
 from eea.infer.goodness import goodness_of_fit
 from eea.infer.misfit import FINE, Regression
 from eea.infer.robot import Robot
-from eea.infer.statement import Hypothesis, Nuisance, Part
+from eea.infer.statement import Hypothesis, Number, Part
 from eea.infer.trials import Observed, spectrum
 from eea.infer.unknowns import Unknowns
 from eea.infer.words import Fit, faults
@@ -35,7 +35,8 @@ def wave(values, commands):
     return 0.05 * wheel(values, commands)[:, None]
 
 
-RIGHT = Robot({"size": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("a",))
+NUMBERS = {"size": Number(0.0, 1.0), "a": Number.angle()}
+RIGHT = Robot(wheel, NUMBERS, {"gyro": "rad/s"})
 
 
 def inferred(discrepancy, noise):
@@ -145,7 +146,7 @@ def test_what_the_first_trials_rule_out_is_never_fitted_again():
 
 FIN = replace(
     RIGHT,
-    nuisances=(Nuisance("servo", 0.0, 1.0, 1.0, switch=True),),
+    numbers={**NUMBERS, "servo": Number(0.0, 1.0, mean=1.0, switch=True)},
     parts={"fin": Part({"size": "size"}, hint="a faster fin would tell")},
 )
 SEIZED = Hypothesis("the servo is seized", {"servo": 0.0}, part="fin")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eea import Hypothesis, Normal, Robot, Trial
+from eea import Hypothesis, Number, Robot, Trial
 from eea.core.checks import ConfigurationError
 from eea.infer.known import ALARM_FINDING
 
 NOISE = {"force": 0.1}
 FEELS = {"force": "N"}
-DAMPER = Hypothesis("the damper leaks", moves={"damping": Normal(0.0, 1.0)}, odds=0.1)
-SPRING = Hypothesis("the spring is weak", moves={"stiffness": Normal(0.0, 2.0, high=0)}, odds=0.1)
+DAMPER = Hypothesis("the damper leaks", moves={"damping": Number(0.0, sd=1.0)}, odds=0.1)
+SPRING = Hypothesis(
+    "the spring is weak", moves={"stiffness": Number(mean=0.0, sd=2.0, high=0.0)}, odds=0.1
+)
 
 
 def push(values, motion):
@@ -22,8 +24,8 @@ def push(values, motion):
 
 
 STRUT = Robot(
-    parameters={"stiffness": (0.0, 10.0), "damping": (0.0, 4.0)},
     simulate=push,
+    numbers={"stiffness": Number(0.0, 10.0), "damping": Number(0.0, 4.0)},
     channels=FEELS,
     hypotheses=[DAMPER, SPRING],
 )
@@ -155,7 +157,7 @@ def test_a_hidden_angle_is_found_in_each_window():
     def spin(values, times):
         return np.sin(values["speed"][:, None] * times + values["phase"][:, None])[:, :, None]
 
-    wheel = Robot({"speed": (0.5, 1.5)}, spin, {"signal": "V"}, hidden=("phase",))
+    wheel = Robot(spin, {"speed": Number(0.5, 1.5), "phase": Number.angle()}, {"signal": "V"})
     rng = np.random.default_rng(0)
     times = 0.1 * np.arange(80)
     follower = wheel.follow({"signal": 0.1})
@@ -191,8 +193,11 @@ def test_wrong_settings_are_refused(options, message):
 
 
 def test_numbers_that_are_stated_are_refused():
-    stated = Robot({"stiffness": (0.0, 10.0), "damping": (0.0, 4.0)}, push, FEELS, {"damping": 1.0})
-    with pytest.raises(ConfigurationError, match="whole must be empty where numbers are followed"):
+    numbers = {**STRUT.numbers, "damping": Number(0.0, 4.0, healthy=1.0)}
+    stated = Robot(push, numbers, FEELS)
+    with pytest.raises(
+        ConfigurationError, match="healthy must be left out where numbers are followed"
+    ):
         stated.follow(NOISE)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eea import FitConfig, Normal, Nuisance, Robot, Trial
+from eea import FitConfig, Number, Robot, Trial
 from eea.core.checks import ConfigurationError, TargetError
 from eea.infer.design import UNTOLD_SHARE
 
@@ -25,11 +25,15 @@ def weigh(values, inputs):
 
 
 SCALES = Robot(
-    parameters={"a": (0.0, 2.0), "b": (0.0, 1.0), "c": (0.0, 5.0), "idle": (0.0, 1.0)},
     simulate=weigh,
+    numbers={
+        "a": Number(0.0, 2.0, unit="kg"),
+        "b": Number(0.0, 1.0, unit="kg"),
+        "c": Number(0.0, 5.0, unit="kg"),
+        "idle": Number(0.0, 1.0),
+        "tare": Number(-1.0, 1.0, mean=0.0, sd=0.3, varies=True),
+    },
     channels={"one": "kg", "two": "kg"},
-    nuisances=[Nuisance("tare", -1.0, 1.0, 0.0, 0.3, start=True)],
-    units={"a": "kg", "b": "kg", "c": "kg"},
 )
 
 
@@ -80,7 +84,9 @@ def test_the_findings_are_the_gaps_in_words(found):
 
 def test_a_robot_that_is_measured_has_no_findings():
     scale = Robot(
-        {"a": (0.0, 2.0)}, lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)), {"s": "kg"}
+        lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)),
+        {"a": Number(0.0, 2.0)},
+        {"s": "kg"},
     )
     signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
     assert scale.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT).findings == []
@@ -90,7 +96,9 @@ def test_a_robot_that_is_measured_has_no_findings():
 def test_a_number_is_told_if_its_spread_shrinks_to_the_stated_share(share, told):
     """Nine samples of noise n have an sd of n / 3, and a range of 2 one of 2 / sqrt(12)."""
     scale = Robot(
-        {"a": (0.0, 2.0)}, lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)), {"s": "kg"}
+        lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)),
+        {"a": Number(0.0, 2.0)},
+        {"s": "kg"},
     )
     information = (share * UNTOLD_SHARE) ** -2 - 1.0  # of the samples, over the range's
     noise = 3.0 * 2.0 / (12.0 * information) ** 0.5
@@ -132,10 +140,9 @@ def test_the_values_of_a_trial_that_is_imagined_do_not_matter(found):
 
 def test_a_nuisance_that_its_prior_tells_as_well_is_open():
     robot = Robot(
-        {"a": (0.0, 2.0)},
         lambda v, _: np.tile((v["a"] + v["tare"])[:, None, None], (1, 9, 1)),
+        {"a": Number(0.0, 2.0), "tare": Number(0.0, sd=0.001)},
         {"s": "kg"},
-        nuisances={"tare": Normal(0.0, 0.001)},
     )
     signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
     known = robot.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT).identified()
@@ -153,7 +160,7 @@ def test_a_trial_that_magnifies_small_differences_tells_no_more_than_a_sum():
         phase = values["a"] + 2.0 * values["b"]
         return np.sin(stretch[:, :1] * phase[:, None] * np.linspace(0.5, 1.0, 200))[:, :, None]
 
-    robot = Robot({"a": (0.0, 1.0), "b": (0.0, 1.0)}, shake, {"signal": "V"})
+    robot = Robot(shake, {"a": Number(0.0, 1.0), "b": Number(0.0, 1.0)}, {"signal": "V"})
     signal = shake({"a": np.array([0.3]), "b": np.array([0.4])}, np.array([[1.0]]))[0]
     signal += np.random.default_rng(0).normal(0.0, 0.001, signal.shape)
     found = robot.infer([Trial(signal, [1.0])], noise={"signal": 0.001}, config=EFFORT)
@@ -169,7 +176,7 @@ def test_where_nearby_robots_diverge_there_are_no_findings():
         signal = np.tile(values["a"][:, None, None], (1, 9, 1))
         return signal * np.nan if diverges else signal
 
-    robot = Robot({"a": (0.0, 2.0)}, brittle, {"s": "kg"})
+    robot = Robot(brittle, {"a": Number(0.0, 2.0)}, {"s": "kg"})
     signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))
     found = robot.infer([Trial(signal)], noise={"s": 0.01}, config=EFFORT)
     diverges.append(True)
@@ -180,10 +187,9 @@ def test_where_nearby_robots_diverge_there_are_no_findings():
 
 def test_a_robot_of_which_all_is_known_has_nothing_to_tell():
     robot = Robot(
-        {"a": (0.0, 2.0)},
         lambda v, _: np.tile(v["a"][:, None, None], (1, 9, 1)),
+        {"a": Number(0.0, 2.0, healthy=0.7)},
         {"s": "kg"},
-        whole={"a": 0.7},
         hypotheses=(),
     )
     signal = 0.7 + np.random.default_rng(0).normal(0.0, 0.01, (9, 1))

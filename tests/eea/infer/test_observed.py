@@ -12,6 +12,7 @@ from eea.fish.simulator_error import Discrepancy
 from eea.infer.fit import fit
 from eea.infer.misfit import COARSE, FINE, Regression
 from eea.infer.robot import Robot
+from eea.infer.statement import Number
 from eea.infer.trials import Observed, spectrum
 from eea.infer.unknowns import Unknowns
 
@@ -27,7 +28,7 @@ def wheel(values, commands):
 
 
 JOINT = Robot(
-    {"size": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("a",),
+    wheel, {"size": Number(0.0, 1.0), "a": Number.angle()}, {"gyro": "rad/s"},
     discrepancy=Discrepancy(0.01, 20.0),
 )  # fmt: skip
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from cart import CART, PUSH, QUICK, SD, SOUGHT, measured
-from eea import Hypothesis, Normal, Trial
+from cart import CART, PUSH, QUICK, SD, SOUGHT, measured, with_numbers
+from eea import Hypothesis, Number, Trial
 from eea.core.checks import ConfigurationError
 from eea.infer.file import from_arrays, to_arrays
 
 SESSIONS, LOGS = 6, 2
 BETWEEN, WITHIN = 0.05, 0.02  # sd of the gain, in its unit
 EFFORT = replace(QUICK, bodies=2, poses=1, descents=1, alternatives="never")
-HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
-SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Normal(0.0, 0.5)}, odds=0.1)
+HEAVIER = Hypothesis("it is heavier", moves={"gain": Number(mean=0.0, sd=0.3, low=0.0)}, odds=0.1)
+SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Number(0.0, sd=0.5)}, odds=0.1)
 ONE_ROW = Trial([[1.0, 1.0]], PUSH[:1])
 ROBOT = replace(SOUGHT, hypotheses=[HEAVIER, SENSOR_OFF])
 
@@ -39,9 +39,9 @@ def known_good(rng, sessions=SESSIONS, logs=LOGS):
 def spread_of(reference, name="gain"):
     """Return the sd that a reference gives a number, in its unit."""
     prior = reference.robot.prior
-    low, high = reference.robot.ranges[name]
+    number = reference.robot.table[name]
     i = prior.names.index(name)
-    return (high - low) * prior.covariance[i, i] ** 0.5
+    return (number.high - number.low) * prior.covariance[i, i] ** 0.5
 
 
 @pytest.fixture(scope="module")
@@ -209,14 +209,16 @@ def test_watch_refuses_what_is_no_log_or_rate(reference):
         assert message in str(refusal.value)
 
 
-STATED = replace(ROBOT, whole={"gain": 0.9, "drag": 1.0})
+STATED = with_numbers(
+    ROBOT, gain=Number(0.0, 2.0, healthy=0.9, unit="m"), drag=Number(0.0, 2.0, healthy=1.0)
+)
 
 
 def test_the_answer_says_that_known_good_logs_contradict_whole():
     trials, labels = known_good(np.random.default_rng(11))
     reference = STATED.learn(trials, labels, config=EFFORT)
     (said,) = reference.findings
-    assert said.startswith("the known-good logs contradict whole: gain is 0.99")
+    assert said.startswith("the known-good logs contradict healthy: gain is 0.99")
     assert said.endswith(", and not 0.9")
     answer = reference.infer(trials[:1], config=QUICK)
     assert answer.findings[-1] == said
@@ -232,7 +234,9 @@ def test_whole_that_agrees_with_the_logs_is_not_contradicted():
 
 def test_whole_at_the_end_of_a_range_is_not_contradicted_by_noise():
     rng = np.random.default_rng(13)
-    whole = replace(CART, parameters={"gain": (1.0, 2.0), "drag": (0.0, 1.0)})
+    whole = with_numbers(
+        CART, gain=Number(1.0, 2.0, healthy=1.0), drag=Number(0.0, 1.0, healthy=1.0)
+    )
     logs = [measured(rng) for _ in range(40)]
     assert whole.learn(logs, config=EFFORT).findings == ()
 

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cart import CART, PUSH, QUICK, SD, SOUGHT, TIME, measured, roll
+from cart import CART, PUSH, QUICK, SD, SOUGHT, TIME, measured, roll, with_numbers
 from eea import (
     FitConfig,
     Hypothesis,
-    Normal,
-    Nuisance,
+    Number,
     Robot,
     Trial,
     load_posterior,
@@ -25,8 +24,8 @@ from eea.infer.statement import Prior
 from eea.infer.trials import Noise
 from eea.infer.unknowns import Unknowns
 
-HEAVIER = Hypothesis("it is heavier", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1)
-SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Normal(0.0, 0.5)}, odds=0.1)
+HEAVIER = Hypothesis("it is heavier", moves={"gain": Number(mean=0.0, sd=0.3, low=0.0)}, odds=0.1)
+SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Number(0.0, sd=0.5)}, odds=0.1)
 MASS = 0.9
 
 
@@ -40,12 +39,12 @@ def refused(message, make):
     assert message in str(refusal.value)
 
 
-def test_a_robot_needs_parameters_a_simulator_and_channels_only():
+def test_a_robot_needs_a_simulator_numbers_and_channels_only():
     def grow(values, inputs):
         assert inputs is None
         return (values["rate"][:, None] * TIME)[:, :, None]
 
-    plant = Robot({"rate": (0.0, 2.0)}, grow, {"height": "cm"})
+    plant = Robot(grow, {"rate": Number(0.0, 2.0)}, {"height": "cm"})
     rng = np.random.default_rng(0)
     found = infer(plant, [Trial((0.7 * TIME + rng.normal(size=60))[:, None])])
     _, low, high = found.table(MASS)["rate"]
@@ -58,32 +57,28 @@ def test_a_robot_needs_parameters_a_simulator_and_channels_only():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"parameters": {}}, "parameters must be ranges (low, high) by name; got {}"),
-        ({"parameters": {"gain": (1, 0), "drag": (0, 2)}}, "high of gain must be a finite number"),
-        ({"parameters": {"gain": 1.0}}, "must be ranges (low, high) by name; got 1.0 of 'gain'"),
-        ({"parameters": {"gain@1": (0, 1)}, "whole": {}}, "a name must have no @; got 'gain@1'"),
-        ({"simulate": 3}, "simulate must be a function; got 3"),
-        ({"channels": ["rate"]}, "channels must be a mapping from names to str; got ['rate']"),
-        ({"whole": {"gian": 1.0}}, "whole must be one of gain, drag; got 'gian'; did you mean"),
-        ({"whole": {"gain": 3.0}}, "whole gain must be a finite number in [0, 2]; got 3.0"),
-        ({"nuisances": {"bias": (0.0, 0.1)}}, "nuisances must be a mapping from names to Normal"),
-        ({"nuisances": {"bias": Normal(0, np.inf)}}, "bias must have a finite range or spread"),
+        ({"numbers": {}}, "numbers must be one or more, by name; got none"),
+        ({"numbers": {"gain": (0, 1)}}, "numbers must be a mapping from names to Number"),
+        ({"numbers": {"gain@1": Number(0, 1)}}, "a name must have no @; got 'gain@1'"),
         (
-            {"nuisances": {"bias": Normal(2, 1, low=-1, high=1)}},
+            {"numbers": {"gain": Number(0.0)}},
+            "gain must have a finite range or sd; got Number(mean",
+        ),
+        (
+            {"numbers": {"gain": Number(low=0.0)}},
+            "high of gain must be finite, or a mean and an sd",
+        ),
+        ({"numbers": {"gain": Number(0, 1, mean=0.5)}}, "mean of gain must be given with sd"),
+        (
+            {"numbers": {"bias": Number(-1.0, 1.0, mean=2.0, sd=1.0)}},
             "mean of bias must be a finite number in [-1, 1]; got 2",
         ),
-        ({"nuisances": {"gain": Normal(0, 1)}}, "names of their own; 'gain' is given twice"),
-        ({"each_trial": ("bais",)}, "each_trial must be one of bias; got 'bais'"),
-        (
-            {"nuisances": (), "each_trial": ("bias",)},
-            "each_trial must be left out, as there is none; got 'bias'",
-        ),
-        ({"hidden": "angle"}, "hidden must be a tuple of type str; got 'angle'"),
-        ({"units": {"gian": "m"}}, "units must be one of gain, drag, bias; got 'gian'"),
+        ({"simulate": 3}, "simulate must be a function; got 3"),
+        ({"channels": ["rate"]}, "channels must be a mapping from names to str; got ['rate']"),
         ({"hypotheses": HEAVIER}, "hypotheses must be a tuple of type Hypothesis"),
         ({"hypotheses": [HEAVIER, HEAVIER]}, "'it is heavier' is given twice"),
         (
-            {"hypotheses": [Hypothesis("x", moves={"gian": Normal(0, 1)})]},
+            {"hypotheses": [Hypothesis("x", moves={"gian": Number(0, sd=1)})]},
             "moves of 'x' must be one of gain, drag, bias; got 'gian'",
         ),
         (
@@ -91,7 +86,7 @@ def test_a_robot_needs_parameters_a_simulator_and_channels_only():
             "fixed gain of 'x' must be a finite number in [0, 2]; got 7.0",
         ),
         (
-            {"hypotheses": [Hypothesis("x", moves={"gain": Normal(0, 1, low=5.0)})]},
+            {"hypotheses": [Hypothesis("x", moves={"gain": Number(mean=0, sd=1, low=5.0)})]},
             "moves of 'x' must stay within [0, 2] of gain, which is 1 before",
         ),
     ],
@@ -100,10 +95,32 @@ def test_a_wrong_statement_is_refused(changes, message):
     refused(message, lambda: replace(CART, **changes))
 
 
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Number(1.0, 0.0), "low must be less than high; got 1 and 0"),
+        (lambda: Number(0.0, 1.0, 2.0), "ends must be the least and the greatest value, or the"),
+        (lambda: Number(0.0, mean=1.0), "ends must be the least and the greatest value, or the"),
+        (lambda: Number(0.0, 1.0, sd=0.3), "mean must be given with sd, as in Number(0.0, sd=0.1)"),
+        (lambda: Number(0.0, 1.0, healthy=3.0), "healthy must be a finite number in [0, 1]"),
+        (lambda: Number(0.0, sd=0.1, healthy=0.0), "healthy must be of a number that lies in a"),
+        (lambda: Number(0.0, 1.0, healthy=0.5, varies=True), "healthy must be of a number that"),
+        (lambda: Number(0.0, 1.0, switch=True), "mean must be given with switch"),
+        (lambda: Number(0.0, 1.0, group="water"), "group must be of a number with sd that all"),
+        (lambda: Number(-3.0, 3.0, mean=0.0, sd=1.0, circular=True), "an angle is uniform over"),
+        (lambda: Number(0.0, sd=0.0), "sd must be"),
+        (lambda: Number(0.0, 1.0, unit=3), "unit must be"),
+        (lambda: Number("a", 1.0), "low must be"),
+    ],
+)
+def test_a_wrong_number_is_refused(make, message):
+    refused(message, make)
+
+
 def test_a_number_is_fixed_or_moves():
     refused(
         "'x' must fix or move a number, not both; got gain in both",
-        lambda: Hypothesis("x", {"gain": 1.0}, moves={"gain": Normal(0, 1)}),
+        lambda: Hypothesis("x", {"gain": 1.0}, moves={"gain": Number(0, sd=1)}),
     )
 
 
@@ -209,9 +226,9 @@ def test_a_caller_that_raises_floating_point_errors_ends_no_inference(everywhere
         assert found.findings
         assert found.broken("gain")
         found.prospects({"again": known_good[0]})
-        reference = replace(robot, whole={}, hypotheses=()).learn(known_good, config=QUICK)
+        reference = replace(robot.without_healthy(), hypotheses=()).learn(known_good, config=QUICK)
         assert reference.watch(known_good[0]).same
-        follower = replace(robot, whole={}).follow({"rate": 0.05, "force": 5e4})
+        follower = robot.without_healthy().follow({"rate": 0.05, "force": 5e4})
         assert not any(follower.update(one).alarm for one in known_good)
         assert np.geterr()["under"] == ("raise" if everywhere else "warn")
 
@@ -228,8 +245,8 @@ def test_what_is_raised_in_a_simulator_as_its_caller_asks_is_told():
 def test_more_hypotheses_than_can_be_fitted_are_refused():
     names = [f"n{i}" for i in range(70)]
     many = {
-        "parameters": dict.fromkeys(names, (0.0, 1.0)), "simulate": roll, "channels": {"y": "m"},
-        "whole": dict.fromkeys(names, 0.5),
+        "simulate": roll, "numbers": dict.fromkeys(names, Number(0.0, 1.0, healthy=0.5)),
+        "channels": {"y": "m"},
     }  # fmt: skip
     assert len(Robot(**many).alternatives) == 70
     refused("hypotheses must be at most 2000", lambda: Robot(**many, at_once=2))
@@ -259,7 +276,7 @@ def test_a_fit_beside_a_simulator_that_diverges_keeps_what_the_trials_tell(most)
         signal[values["rate"] > most] = np.nan
         return signal
 
-    plant = Robot({"rate": (0.0, 2.0)}, grow, {"height": "cm"}, whole={"rate": 0.5})
+    plant = Robot(grow, {"rate": Number(0.0, 2.0, healthy=0.5)}, {"height": "cm"})
     signal = most * TIME + np.random.default_rng(0).normal(size=60)
     found = plant.infer([Trial(signal[:, None])], noise={"height": 1.0})
     _, low, high = found.broken("rate")
@@ -286,10 +303,10 @@ def test_a_simulator_may_go_on_for_longer_than_a_trial():
 
 
 def test_a_change_needs_a_value_to_start_from():
-    sought = replace(CART, whole={}, hypotheses=[HEAVIER])
+    sought = replace(CART.without_healthy(), hypotheses=[HEAVIER])
     refused(
-        "moves of 'it is heavier' must be of numbers that are in whole, or that learn() has found; "
-        "gain is neither",
+        "moves of 'it is heavier' must be of numbers that have a mean, say what is healthy, "
+        "or were found by learn(); gain is none of these",
         lambda: infer(sought, [measured(np.random.default_rng(0))]),
     )
 
@@ -349,8 +366,8 @@ def test_a_trial_may_start_in_motion():
         rate = values["rate at first"][:, None] * np.exp(-values["drag"][:, None] * TIME / 30)
         return (rate + push.cumsum(axis=1) / 60)[:, :, None]
 
-    start = Nuisance("rate at first", -3.0, 3.0, nominal=0.0, start=True)
-    sledge = Robot({"drag": (0.0, 2.0)}, coast, {"rate": "m/s"}, nuisances=[start])
+    numbers = {"drag": Number(0.0, 2.0), "rate at first": Number(-3.0, 3.0, varies=True)}
+    sledge = Robot(coast, numbers, {"rate": "m/s"})
     rng, firsts = np.random.default_rng(5), (-2.0, 1.5)
     trials = []
     for first in firsts:
@@ -378,7 +395,7 @@ def test_nothing_is_broken_is_a_finding_with_its_probability():
     found = infer(CART, [measured(np.random.default_rng(7))])
     nothing = found.probability("nothing is broken")
     assert nothing > 0.95
-    assert nothing + sum(found.probability(f"{n} has changed") for n in CART.whole) == (
+    assert nothing + sum(found.probability(f"{n} has changed") for n in CART.healthy) == (
         pytest.approx(1.0)
     )
     assert found.findings[0] == f"nothing is broken ({nothing:.0%})"
@@ -404,9 +421,7 @@ def test_intervals_given_a_change_hold_at_their_rate():
     assert 0.78 <= np.mean(held) <= 0.99
 
 
-@pytest.mark.parametrize(
-    "hypothesis", [HEAVIER, Hypothesis("x", moves={"gain": Normal(0, np.inf)})]
-)
+@pytest.mark.parametrize("hypothesis", [HEAVIER, Hypothesis("x", moves={"gain": Number(0.0)})])
 def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
     rng = np.random.default_rng(9)
     robot = replace(CART, hypotheses=[hypothesis])
@@ -433,13 +448,12 @@ def test_of_what_is_most_improbable_there_is_an_answer_all_the_same():
 
 def test_a_changes_own_prior_is_no_evidence_that_it_would_show():
     """With noise as large as the usual change: data of sd 1 / sqrt(20), the prior's is 0.3."""
-    cause = Hypothesis("x", moves={"gain": Normal(0.0, 0.3)}, odds=0.1)
+    cause = Hypothesis("x", moves={"gain": Number(0.0, sd=0.3)}, odds=0.1)
     push = np.ones(20)
     robot = Robot(
-        {"gain": (0.0, 2.0)},
         lambda values, push: (values["gain"][:, None] * push)[:, :, None],
+        {"gain": Number(0.0, 2.0, healthy=1.0)},
         {"rate": "rad/s"},
-        whole={"gain": 1.0},
         hypotheses=[cause],
     )
     sentence = infer(robot, [Trial(push[:, None], push)], noise={"rate": 1.0}).findings[-1]
@@ -450,7 +464,8 @@ def test_a_changes_own_prior_is_no_evidence_that_it_would_show():
 def test_what_was_known_of_a_number_of_each_trial_is_known_in_all():
     """A later trial's own number has a prior, too; a common number has one."""
     prior = Prior(("gain", "bias"), np.array([0.4, 0.6]), np.diag([0.01, 0.04]))
-    robot = replace(SOUGHT, each_trial=("bias",), prior=prior)
+    bias = Number(mean=0.0, sd=0.1, varies=True)
+    robot = replace(with_numbers(SOUGHT, bias=bias), prior=prior)
     parameters = Unknowns.of(robot, 2, robot.groups)
     entries = [parameters.names.index(name) for name in ("gain", "bias@1", "bias@2")]
     assert parameters.prior_mean[entries] == pytest.approx([0.4, 0.6, 0.6])
@@ -458,11 +473,7 @@ def test_what_was_known_of_a_number_of_each_trial_is_known_in_all():
 
 
 def test_a_change_of_what_has_no_effect_would_never_show():
-    robot = replace(
-        CART,
-        parameters={**CART.parameters, "paint": (0.0, 1.0)},
-        whole={**CART.whole, "paint": 0.5},
-    )
+    robot = with_numbers(CART, paint=Number(0.0, 1.0, healthy=0.5))
     found = infer(robot, [measured(np.random.default_rng(10))])
     assert found.findings[-1].endswith(" or of paint would not show")
     _, low, high = found.broken("paint")
@@ -479,26 +490,27 @@ def test_a_change_has_a_direction():
     assert not less.good  # nothing that was stated explains it
 
 
-@pytest.mark.parametrize("each_trial", [(), ("bias",)])
-def test_a_hypothesis_may_move_a_nuisance_beyond_its_usual_spread(each_trial):
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_hypothesis_may_move_a_number_beyond_its_usual_spread(varies):
     rng = np.random.default_rng(12)
     robot = replace(
-        CART,
-        nuisances={"bias": Normal(0.0, 0.02)},
-        each_trial=each_trial,
+        with_numbers(CART, bias=Number(0.0, sd=0.02, varies=varies)),
         hypotheses=[HEAVIER, SENSOR_OFF],
     )
     trials = [measured(rng, bias=bias) for bias in (0.48, 0.5)]
     found = infer(robot, trials)
     assert found.probability("the sensor is off") > 0.99
     _, low, high = found.broken("bias")
-    assert low < (0.48 if each_trial else 0.49) < high
+    assert low < (0.48 if varies else 0.49) < high
     assert infer(robot, [measured(rng)]).probability("nothing is broken") > 0.9
 
 
 def test_causes_that_fit_alike_are_one_sentence_with_the_trial_that_would_tell():
     alike = Hypothesis(
-        "a weight hangs below", moves={"gain": Normal(0.0, 0.3, low=0.0)}, odds=0.1, hint="turn"
+        "a weight hangs below",
+        moves={"gain": Number(mean=0.0, sd=0.3, low=0.0)},
+        odds=0.1,
+        hint="turn",
     )
     robot = replace(CART, hypotheses=[HEAVIER, alike])
     (said,) = infer(robot, [measured(np.random.default_rng(13), gain=1.2)]).findings
@@ -517,4 +529,4 @@ def test_a_posterior_with_noise_survives_a_file(tmp_path):
     assert again.to_dict() == found.to_dict()
     assert again.broken("gain") == found.broken("gain")
     assert again.findings == found.findings
-    assert again.robot.units == CART.units
+    assert again.robot.table == CART.table

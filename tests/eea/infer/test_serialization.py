@@ -13,9 +13,11 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
 from eea.core.checks import ConfigurationError
 from eea.infer.file import to_arrays
+from eea.infer.statement import Number
 from swing import SWING, infer
 
-DRIFTING = replace(SWING, each_trial=("bias",))
+BIAS = Number(-0.1, 0.1, mean=0.0, sd=0.05, varies=True)
+DRIFTING = replace(SWING, numbers={**SWING.numbers, "bias": BIAS})
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +77,9 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": "eea.belief/1"}, "schema must be eea.posterior/5; it is 'eea.belief/1': infer"),
+        ({"schema": "eea.belief/1"}, "schema must be eea.posterior/6; it is 'eea.belief/1': infer"),
         ({"trials": 1}, "its parameters must be"),
-        ({"nuisances": [{"name": "bias"}]}, "does not describe a posterior: TypeError"),
+        ({"numbers": {"bias": {"colour": 1.0}}}, "does not describe a posterior: TypeError"),
         ({"goodness": {}}, "does not describe a posterior: TypeError"),
         ({"sigma": float("nan")}, "its sigma"),
         ({"sigma": -1.0}, "its sigma"),
@@ -106,7 +108,11 @@ def test_wrong_header_is_refused(result, path, changes, message):
         ("theta", lambda a: a + 10.0, r"its theta of .+ must lie in"),
         ("theta", lambda a: 1e300 * a, r"its theta of .+ must lie in"),
         ("cost", lambda a: a + 1e300, "its cost"),
-        ("cost", lambda a: np.append(a, a[:1]), "does not describe a posterior|its modes must be"),
+        (
+            "cost",
+            lambda a: np.append(a, a[:1]),
+            "does not describe a posterior|its modes must be|its theta",
+        ),
         ("gradient", lambda a: a * np.inf, "its gradient must be finite"),
     ],
 )

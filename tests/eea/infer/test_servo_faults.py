@@ -81,9 +81,9 @@ def test_a_reversed_tail_is_no_fault_that_shows() -> None:
     log, begun = target.perform(command), target.start_angles
     same = EngineSimulator(STEPS, dtype="float64", threads=1)
     robot = fish_robot(same)
-    values = {n.name: np.array([n.nominal]) for n in robot.nuisance_list}
-    values |= zip(robot.parameters, target.morphology.to_array()[:, None], strict=True)
+    values = {n: np.array([one.mean]) for n, one in robot.table.items() if one.mean is not None}
+    values |= zip(robot.sought, target.morphology.to_array()[:, None], strict=True)
     angles = np.array([begun[0], begun[1], np.pi - begun[2]])
-    values |= zip(robot.hidden, angles[:, None], strict=True)
+    values |= zip(robot.angles, angles[:, None], strict=True)
     there = robot.simulate(values, command[None], True)
     np.testing.assert_allclose(log.gyro, there, rtol=0, atol=1e-12)

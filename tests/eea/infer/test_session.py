@@ -63,7 +63,7 @@ def test_session_stops_once_intervals_are_narrow():
 
 
 def test_unknown_nuisances_are_refused():
-    with pytest.raises(ConfigurationError, match="nuisances"):
+    with pytest.raises(ConfigurationError, match="nuisances must be one of bias; got 'bios'"):
         infer(nuisances=("bios",))
 
 

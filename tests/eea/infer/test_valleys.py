@@ -10,6 +10,7 @@ from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
 from eea.infer.robot import Robot
 from eea.infer.session import JointInference
+from eea.infer.statement import Number
 
 SIGMA, NARROW, WIDE, MISSED = 0.01, 0.15, 0.8, 0.003
 PROBLEM = Problem(
@@ -37,7 +38,7 @@ class Target:
 
 def test_what_comes_to_the_lower_valley_does_not_crowd_out_the_likelier_one() -> None:
     config = JointConfig(steps=64, rounds=1, noise=SIGMA, bodies=24)
-    robot = Robot({"radius": (0.0, 1.0)}, wheel, {"gyro": "rad/s"}, hidden=("angle",))
+    robot = Robot(wheel, {"radius": Number(0.0, 1.0), "angle": Number.angle()}, {"gyro": "rad/s"})
     result = JointInference(Target(), robot, PROBLEM, config).run()
     sample = result.sample(1000)
     assert 0.5 < (sample > 0.6).mean() < 1.0
