@@ -83,7 +83,7 @@ class Unknowns:
             row = (i, mean, (span[i] / number.sd) ** 2)
             if number.varies:
                 own.append(row)
-            elif name in hypothesis.freed or number.group in groups:
+            elif name in hypothesis.freed or (number.grouped and number.group in groups):
                 shared.append(row)
         slots = np.full((trials, len(table)), FIXED_SLOT, dtype=np.intp)
         names = robot.names

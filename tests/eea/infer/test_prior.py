@@ -147,7 +147,7 @@ def test_a_known_start_serves_without_a_prior() -> None:
     assert found.belief.good
     assert found.objective_fitness is not None
     assert found.objective_fitness > 0.9
-    assert not found.belief.robot.hidden
+    assert not found.belief.robot.angles
     with pytest.raises(ConfigurationError, match="from unknown fin angles"):
         fins_after(found)
 
