@@ -22,18 +22,17 @@ from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.runs.progress import show_share
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
+from eea.study.arms import ARMS
 from eea.study.statistics import interval
 from gait.plots import DPI, draw_trajectories
 from gait.swims.swim import Swim
 
-# Joint inference has its colour of the studies' figures; the oracles share a hue.
+# A condition has its colour of the studies' figures; the oracles share a hue.
 COLOURS = {
     "undamaged": "#555555",
     "randomised": "#e69f00",
     "direct": "#b09500",
-    "none": "#d55e00",
-    "out-of-band": "#0072b2",
-    "joint": "#882255",
+    **{name: ARMS[name].colour for name in ("none", "out-of-band", "joint")},
     "joint-fins": "#cc79a7",
     "swims-on": "#332288",
     "oracle-neat": "#66c2a5",

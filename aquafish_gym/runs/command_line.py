@@ -334,6 +334,8 @@ def _one_line(box: str, command: type[Command]) -> str:
     if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
         kind = "a whole number" if found[2] == "int" else "a number"
         return f"{found[1]} must be {kind}; got {found[3]!r}"
+    if found := re.match(r"Error parsing (\S+): .*valid parse for arguments: \[(.*)\]", message):
+        return f"{found[1]} must have values as in its help; got {found[2]}"
     if found := re.match(
         r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
     ):

@@ -13,7 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from eea.core.algorithm import EEA
 from eea.core.angles import Floats
-from eea.core.checks import callback
+from eea.core.checks import callback, finite, instance
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
 from eea.core.floating import own_errors
@@ -56,9 +56,19 @@ class MorphologyEstimate(Result):
             The body, if known, for OBJ_FIT.
         check, seed
             Changes tried on the log, and the seed of the inference.
+
+        Raises
+        ------
+        ConfigurationError, InvalidArgumentError
+            If ``answer`` is no posterior of the nine sizes, or ``truth`` is no body.
         """
+        from eea.infer.answer import Answer  # with scipy, which makes `import eea` slow
+
+        sizes = fish_problem().models
+        instance("answer", answer, Answer)
+        finite("answer.model", answer.model, (len(sizes),))
         body = None if truth is None else Morphology.coerce(truth).to_array()
-        return cls(None, seed, fish_problem().models, body, belief=answer, check=check)
+        return cls(None, seed, sizes, body, belief=answer, check=check)
 
     @property
     def morphology(self) -> Morphology:

@@ -83,9 +83,13 @@ def found_function(place: str) -> Callable[..., Any]:
                 f"there is no module {error.name!r}"
             ) from None
         raise
-    functions = [each for each, value in vars(module).items() if inspect.isfunction(value)]
-    if name not in functions and not callable(getattr(module, name, None)):
-        choice(f"method {module_name}", name, functions or ["a function"])
+    functions = [
+        each
+        for each, value in vars(module).items()
+        if inspect.isfunction(value) and value.__module__ == module_name
+    ]
+    if not callable(getattr(module, name, None)):
+        choice(f"the function of method {place}", name, functions or ["a function"])
     function: Callable[..., Any] = getattr(module, name)
     return function
 

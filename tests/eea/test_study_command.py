@@ -199,6 +199,8 @@ REFUSED = [
     ),
     (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),
     (["--conditions"], "either --figure or"),
+    (["--figure", "7", "--in-band.best", "x"], "--in-band.best must have values .*; got 'x'"),
+    (["--figure", "7", "--rounds", "x"], "--rounds must have values .*; got 'x'"),
     (["--figure", "5", "--step", "64"], "unknown option --step; did you mean --steps"),
 ]
 

@@ -12,6 +12,7 @@ from eea import (
     ConfigurationError,
     EngineTarget,
     JointConfig,
+    MorphologyEstimate,
     PaperConfig,
     Performed,
     RecordedLog,
@@ -19,6 +20,7 @@ from eea import (
     TargetError,
     estimate_morphology,
     estimate_morphology_of,
+    fins_after,
     infer_log,
 )
 from eea.core.session import streams
@@ -81,6 +83,21 @@ def test_posterior_figure_has_a_panel_of_sizes_and_one_of_nuisances(estimate):
     sizes, others = posterior_figure(estimate).axes
     assert [label.get_text() for label in sizes.get_yticklabels()] == [d.name for d in DIMENSIONS]
     assert len(others.get_yticklabels()) == 10
+
+
+def test_an_estimate_of_a_posterior_needs_no_rounds(estimate):
+    found = MorphologyEstimate.of(estimate.belief, estimate.truth)
+    assert found.morphology == estimate.morphology
+    assert found.objective_fitness == estimate.objective_fitness
+    assert np.array_equal(found.interval(0.8), estimate.interval(0.8))
+    assert str(found) == str(estimate)
+    told = found.to_dict()
+    assert told["objective_fitness"] == found.objective_fitness
+    assert not {"rounds", "config", "stopped", "seed"} & told.keys()
+    assert repr(found).startswith("MorphologyEstimate(logs, seed 0, OBJ_FIT 1")
+    assert len(posterior_figure(found).axes) == 2
+    with pytest.raises(ConfigurationError, match="result must be of a run"):
+        fins_after(found)
 
 
 def test_without_a_posterior_there_is_no_picture_and_no_interval():
