@@ -6,22 +6,27 @@ import csv
 import json
 import re
 import sys
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
-from aquafish_gym import held_out
+from aquafish_gym import Morphology, held_out
 from aquafish_gym.runs.command_line import parse
 from eea.__main__ import REFUSED_ERRORS as ERRORS
 from eea.__main__ import main
 from eea.cli.study import StudyCommand
 from eea.core.checks import ConfigurationError
 from eea.core.config import InBandConfig, JointConfig, OutOfBandConfig, PaperConfig, recovery_config
+from eea.fish import RealityGap
 from eea.study.arms import ARMS, comparisons, study_arms, variants
 from eea.study.method import MethodConfig
+from eea.study.replicate import Replicate, StudyWorld, replicate
 from eea.study.study import read_description
 from tests.in_process import jobs_in_process
 
+ROOT = Path(__file__).parents[2]
 SMALL = ("--preset", "smoke", "--steps", "32", "--workers", "1")
 
 
@@ -314,3 +319,19 @@ def test_variants_are_arms_of_the_python_interface_too():
     arms = variants({"joint": JointConfig()}, {"joint.noise": (0.01, None), "rounds": (2,)})
     assert list(arms) == ["joint-noise-0.01", "joint-noise-None"]
     assert {config.rounds for config in arms.values()} == {2}
+
+
+def test_the_example_gives_the_numbers_of_its_page():
+    """The page's table is of ten seeds; one of them is made again."""
+    committed = ROOT / "docs" / "results" / "method" / "results.csv"
+    rows = [
+        row
+        for row in csv.DictReader(committed.read_text().splitlines())
+        if (row["arm"], row["seed"]) == ("random-search", "3")
+    ]
+    config = MethodConfig.of("examples.random_search:random_search")
+    world = StudyWorld(Morphology.nominal(), gap=RealityGap(gyro_noise=0.01), held_out=True)
+    job = Replicate("random-search", replace(config, steps=128, rounds=5), 3, world)
+    scores = [f"{record['objective_fitness']:.5g}" for record in replicate(job)["rounds"]]
+    assert scores == [row["obj_fit"] for row in rows]
+    assert {row["trials"] for row in rows} == {"2000"}
