@@ -16,6 +16,7 @@ from eea.core.result import handed_on
 from eea.infer.branch import INTERVAL_SAMPLES, Branch, mixed
 from eea.infer.design import Identified, Prospect, identified, prospects
 from eea.infer.goodness import Goodness
+from eea.infer.misfit import Roughness
 from eea.infer.mixture import holding, intervals
 from eea.infer.search import Optima
 from eea.infer.statement import RobotModel
@@ -34,6 +35,7 @@ class WarmStart:
     dropped: frozenset[str] = frozenset()  #: Hypotheses that are not fitted again.
     explained: bool = True  #: Whether the nominal fit left nothing but noise.
     robots: int = 0  #: Number of trials that the fit simulated.
+    roughness: Roughness | None = None  #: That of the simulator, as far as it was looked at.
 
 
 @dataclass(frozen=True, eq=False)

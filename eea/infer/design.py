@@ -238,7 +238,9 @@ def _of_trials(
 ) -> Floats:
     """Return the trials' own information (n, n) on some entries at a vector (P,)."""
     prior = regression.parameters.prior_information
-    near = Laplace(theta, weight * _normal(regression, theta) + prior, np.zeros(len(theta)))
+    both = weight * _normal(regression, theta) + prior
+    both += np.diag(regression.misfit(FINE).plateau_precision)
+    near = Laplace(theta, both, np.zeros(len(theta)))
     left = near.marginal(entries, regression.parameters.uniform_precision)
     return np.asarray(left.information - prior[np.ix_(entries, entries)])
 
@@ -252,7 +254,8 @@ def _of_another(best: Optima, hypothesis: Hypothesis, known: _Known, trial: Tria
     entries = np.array([one.first_entry(name) for name in bases], dtype=np.intp)
     theta[entries] = known.theta[known.entries]
     observed = replace(Observed.of([trial], robot), noise=best.regression.observed.noise)
-    return _of_trials(Regression(one, observed, None), theta, best.precision, entries)
+    regression = Regression(one, observed, None, roughness=best.regression.roughness)
+    return _of_trials(regression, theta, best.precision, entries)
 
 
 def _normal(regression: Regression, theta: Floats) -> Floats:
@@ -264,6 +267,8 @@ def _normal(regression: Regression, theta: Floats) -> Floats:
     """
     parameters = regression.parameters
     misfit = regression.misfit(FINE)
+    if regression.roughness is not None and not regression.roughness.smooth:
+        return np.asarray(misfit.linearise(theta[None]).normal[0])
     inside = np.clip(theta, parameters.low + FINE.difference, parameters.high - FINE.difference)
     slopes = np.array([_slopes(misfit, inside, FINE.difference * share) for share in STEP_SHARES])
     if not np.isfinite(slopes).all():

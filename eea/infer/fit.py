@@ -30,7 +30,16 @@ from eea.infer.branch import Branch
 from eea.infer.goodness import LEAST_RELATIVE_RMS
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
-from eea.infer.search import Optima, halved, improved, pose, search
+from eea.infer.search import (
+    Optima,
+    halved,
+    improved,
+    pose,
+    search,
+    settled,
+    stepped,
+    with_others,
+)
 from eea.infer.statement import Hypothesis, RobotModel, Values
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
@@ -107,17 +116,26 @@ def fit(
     robot = replace(robot, simulate=counter)
     start = (earlier and earlier.warm_start) or WarmStart()
     groups = robot.groups if config.nuisances is None else config.nuisances
+    roughness = start.roughness
 
     def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
         parameters = Unknowns.of(robot, len(observed), groups, hypothesis)
-        regression = Regression(parameters, observed, config.noise, usual)
+        regression = Regression(parameters, observed, config.noise, usual, roughness)
         before = start.optima.get(hypothesis.name)
         counter.begin(hypothesis.name)
         once = not start.explained or robot.prior is not None  # a misfit means a change
         return _optimize(regression, config, rng, before, plain, once)
 
+    def finished(optima: Optima) -> Optima:
+        """Return optima with derivatives that suit the simulator, and those of other valleys."""
+        nonlocal roughness
+        optima, roughness = settled(optima, roughness)
+        if robot.discrepancy is None:
+            optima = with_others(optima)
+        return stepped(optima)
+
     # Fit the robot as it should be, then the other hypotheses that are plausible.
-    plain = optimize(robot.nominal)
+    plain = finished(optimize(robot.nominal))
     explained = plain.goodness.good
     alone = plain.mixture(plain)
     others: list[tuple[Hypothesis, Optima]] = []
@@ -125,7 +143,7 @@ def fit(
     if plausible and not explained and doubt is not None and not doubt(plain):
         plausible = []
     for changes in sorted({h.changes for h in plausible}):
-        others += [(h, optimize(h, plain)) for h in plausible if h.changes == changes]
+        others += [(h, finished(optimize(h, plain))) for h in plausible if h.changes == changes]
         if any(optima.goodness.good for _, optima in others):
             break
     lowest = min((o for _, o in others), key=_least, default=plain)
@@ -171,7 +189,7 @@ def fit(
         optima[branches[0].hypothesis.name].goodness,
         best.sigma,
         0 if config.noise else observed.size,
-        WarmStart(optima, frozenset(dropped), explained, counter.robots),
+        WarmStart(optima, frozenset(dropped), explained, counter.robots, roughness),
         observed.noise,
         said,
     )

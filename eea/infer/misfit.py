@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.infer.laplace import Laplace
 from eea.infer.trials import Observed
-from eea.infer.unknowns import FIXED_SLOT, Unknowns
+from eea.infer.unknowns import FIXED_SLOT, UNIFORM_PRECISION, Unknowns
 
 LOOK_AHEAD = 0.1  # h above, as a share of the step
 MOST_ROBOTS = 2**15  # in a batch, to limit memory
@@ -33,6 +33,32 @@ class Precision(NamedTuple):
 
 COARSE = Precision(fine=False, stride=2, difference=2e-3)
 FINE = Precision(fine=True, stride=1, difference=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class Roughness:
+    """The roughness of a simulator at a best fit, for each of the W slots of a trial."""
+
+    looked: NDArray[np.bool_]  #: (W,), which slots were looked at.
+    steps: Floats  #: (W,), the step that derivatives need; 0 where the usual one will do.
+    widths: Floats  #: (W,), the width of a plateau, as a share of the range; 0 where there is none.
+    jitter: float = 0.0  #: Standard deviation of a sample's roughness, over that of its noise.
+    unrepeated: float = 0.0  #: That of two signals of the same values; 0 if they are the same.
+
+    @property
+    def smooth(self) -> bool:
+        """Whether derivatives may be taken as of any smooth simulator."""
+        return not (self.steps.any() or self.widths.any())
+
+    def joined(self, other: Roughness) -> Roughness:
+        """Return what two looks at different slots have found."""
+        return Roughness(
+            self.looked | other.looked,
+            np.maximum(self.steps, other.steps),
+            np.maximum(self.widths, other.widths),
+            max(self.jitter, other.jitter),
+            max(self.unrepeated, other.unrepeated),
+        )
 
 
 class Linear(NamedTuple):
@@ -53,8 +79,10 @@ class Misfit:
         observed: Observed,
         precision: Precision,
         only_of: int | None = None,
+        roughness: Roughness | None = None,
     ) -> None:
         self.parameters = parameters
+        self._roughness = None if roughness is None or roughness.smooth else roughness
         self.precision = precision
         self._observed = observed
         sampled = observed.signal[:, :: precision.stride]
@@ -119,6 +147,8 @@ class Misfit:
         They are backward where only the robot ahead diverged. The derivatives of a robot that
         diverged itself are zero.
         """
+        if self._roughness is not None:
+            return self._linearise_rough(theta, self._roughness)
         parameters = self.parameters
         free = self.free
         local = parameters.local(theta)[:, self._trials]
@@ -141,20 +171,79 @@ class Misfit:
             slopes /= step[..., None]
         if lost.any():
             slopes[lost[:, :, 1:] | lost[:, :, :1]] = 0.0
-        residuals = rows[:, :, 0].astype(np.float64)
+        return self._linear(rows[:, :, 0], slopes)
+
+    def _linearise_rough(self, theta: Floats, roughness: Roughness) -> Linear:
+        """Return the misfit near vectors (S, P), by central differences of each slot's own step.
+
+        They are one-sided at a bound, and where a robot diverged.
+        """
+        free = self.free
+        local = self.parameters.local(theta)[:, self._trials]
+        known = self._entries != FIXED_SLOT
+        high = np.where(known, self.parameters.high[self._entries], np.inf)
+        low = np.where(known, self.parameters.low[self._entries], -np.inf)
+        steps = np.where(roughness.steps > 0.0, roughness.steps, self.precision.difference)[free]
+        ends = np.stack(
+            [
+                np.clip(local[:, :, free] + steps, low, high),
+                np.clip(local[:, :, free] - steps, low, high),
+            ],
+            axis=2,
+        )  # (S, E, 2, F)
+        each = np.arange(len(free))
+        moved = np.repeat(local[:, :, None], 2 * len(free) + 1, axis=2)
+        moved[:, :, 1 + each, free] = ends[:, :, 0]
+        moved[:, :, 1 + len(free) + each, free] = ends[:, :, 1]
+        rows = self.differences(moved, self._trials)
+        with np.errstate(invalid="ignore", over="ignore"):
+            found = np.isfinite(rows.sum(axis=-1))
+        ahead, behind = np.split(rows[:, :, 1:], 2, axis=2)
+        there = found[:, :, 1:].reshape(*found.shape[:2], 2, -1)
+        here = rows[:, :, :1]
+        at = np.where(there, ends, local[:, :, None, free])
+        ahead = np.where(there[:, :, 0, :, None], ahead, here)
+        behind = np.where(there[:, :, 1, :, None], behind, here)
+        apart = at[:, :, 0] - at[:, :, 1]
+        with np.errstate(invalid="ignore", over="ignore"):
+            slopes = np.subtract(ahead, behind, dtype=np.float64)
+            slopes /= np.where(apart > 0.0, apart, np.inf)[..., None]
+        slopes[~found[:, :, 0]] = 0.0
+        return self._linear(rows[:, :, 0], slopes)
+
+    def _linear(self, residuals: NDArray[np.floating], slopes: Floats) -> Linear:
+        """Return what residuals (S, E, M) and slopes (S, E, F, M) are together."""
+        parameters = self.parameters
+        left = residuals.astype(np.float64)
         blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
-        normal = np.zeros((len(theta), len(parameters), len(parameters)))
+        normal = np.zeros((len(slopes), len(parameters), len(parameters)))
         for e, (used, at) in enumerate(self.columns):
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
-        return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
+        return Linear(self._pull(slopes, left), normal, left, slopes)
 
     def laplace(self, theta: Floats, linear: Linear, weight: float) -> Laplace:
         """Return the posterior near vectors (S, P), of residuals of the precision ``weight``."""
         prior = self.parameters.prior_information
         away = theta - self.parameters.prior_mean
-        return Laplace(
-            theta, weight * linear.normal + prior, weight * linear.gradient + away @ prior
-        )
+        gradient = weight * linear.gradient + away @ prior
+        if self._roughness is not None:
+            prior = prior + np.diag(self.plateau_precision)
+        return Laplace(theta, weight * linear.normal + prior, gradient)
+
+    @cached_property
+    def plateau_precision(self) -> Floats:
+        """The precision (P,) that plateaus give the numbers on them, elsewhere 0.
+
+        The signal does not change on one, and by more than the noise allows at its ends: a uniform
+        distribution between them.
+        """
+        found = np.zeros(len(self.parameters))
+        if self._roughness is not None:
+            for slot in np.flatnonzero(self._roughness.widths):
+                entries = self.parameters.slots[:, slot]
+                width = self._roughness.widths[slot]
+                found[entries[entries != FIXED_SLOT]] = UNIFORM_PRECISION / width**2
+        return found
 
     def _pull(self, slopes: Floats, signal: Floats) -> Floats:
         """Return J^T times a signal (S, E, M), as (S, P), from slopes (S, E, F, M)."""
@@ -184,11 +273,13 @@ class Regression:
     observed: Observed
     noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
     usual: Floats | None = None  #: The misfits of known-good logs, by which this one is judged.
+    roughness: Roughness | None = None  #: That of the simulator; None before it is looked at.
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
         """Return the misfit at a precision."""
         precision = precision._replace(stride=self.stride(precision))
-        return Misfit(self.parameters, self.observed, precision, only_of)
+        roughness = self.roughness if precision.fine else None
+        return Misfit(self.parameters, self.observed, precision, only_of, roughness)
 
     def stride(self, precision: Precision) -> int:
         """Return every how many samples are compared: all, where they are far apart."""
@@ -201,6 +292,15 @@ class Regression:
         if self.observed.noise is not None:
             signal = signal / self.observed.noise.sd
         return max(float(np.sqrt((signal**2).sum() / self.observed.size)), 1e-12)
+
+    @cached_property
+    def loudness(self) -> float:
+        """The norm of the signal about each channel's mean, as the residuals are weighed."""
+        observed = self.observed
+        apart = observed.weighted - observed.weighted.mean(axis=1, keepdims=True)
+        if observed.noise is not None:
+            apart = apart / observed.noise.sd
+        return max(float(np.linalg.norm(apart)), 1e-300)
 
     @property
     def least_sigma(self) -> float:

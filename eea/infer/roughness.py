@@ -1,0 +1,173 @@
+"""How far a simulator is from a smooth function of its numbers near a best fit.
+
+An adaptive solver, single precision, contacts and tables make a signal rough: a small step of a
+number changes it by more, or by less, than a large step says. A difference over a step t of a
+signal with roughness e has an error of e / t, which passes for information. A table of differences
+at five even steps tells roughness from curvature (J. J. More and S. M. Wild, "Estimating
+computational noise", 2011): with white roughness, the k-th differences have the variance
+(2k)! / (k!)^2 e^2, and of a smooth signal each order is far smaller than the one before. The
+derivative of a rough number takes that larger step.
+
+A number that acts in steps, such as a delay in samples, has a plateau: within it the signal is the
+same to the bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats
+from eea.infer.misfit import FINE, Regression, Roughness
+from eea.infer.unknowns import FIXED_SLOT
+
+SHARE_OF_SIGNAL = 0.05  # by which one step changes the signal at most
+SDS_OF_STEP = 5.0  # of a number: the most of one step
+LARGEST_STEP = 0.05  # of a range or in rad
+FOURTH_TO_SECOND = (6.0 / 70.0) ** 0.5  # of the norms of the differences of white roughness
+LEAST_ROUGH_RATIO = 0.1  # of that ratio and the one found: below it the signal is only bent
+DERIVATIVE_ERROR = 0.01  # of a number's precision: a smaller squared error changes nothing
+FLAT_SHARE = 1e-3  # of the slope over a large step: a slope of less is that of a plateau
+JUMP_COST = 10.0  # of half the sum of squares: a step that changes it by more is no flat one
+LEAST_JUMP = 1.0  # of the signal at the end of a plateau, in sds; smaller steps are roughness
+TENTH = 0.1  # of a range: the first step past the end of a plateau
+HALVINGS = 20  # that find the end of a plateau
+SAME_SHARE = (
+    1e-6  # of the change by a tenth of the range: a signal that differs by less is the same
+)
+LEAST_PLATEAU = 1e-4  # of a range; narrower ones are roughness
+REPEATED_SHARE = 1e-6  # of the noise: numbers that differ by less are the same
+
+
+class Near:
+    """A simulator near a vector theta (P,)."""
+
+    def __init__(self, regression: Regression, theta: Floats, weight: float) -> None:
+        self.parameters = regression.parameters
+        self.misfit = regression.misfit(FINE)
+        self.theta = theta
+        self.scale = weight**0.5
+
+    def signals(self, vectors: Floats) -> Floats:
+        """Return the residuals (S, N) of vectors (S, P), in sds of the noise."""
+        found = self.misfit.residuals(vectors).reshape(len(vectors), -1)
+        return np.asarray(found * self.scale, np.float64)
+
+    def entries(self, slot: int) -> NDArray[np.intp]:
+        """Return the entries of a slot, of all trials."""
+        found: NDArray[np.intp] = np.unique(self.parameters.slots[:, slot])
+        return np.asarray(found[found != FIXED_SLOT])
+
+    def line(self, slot: int, step: float) -> Floats:
+        """Return vectors (5, P) about theta, even steps apart in a slot, within the bounds."""
+        entries = self.entries(slot)
+        low = self.parameters.low[entries]
+        high = self.parameters.high[entries]
+        reach = 2.0 * step
+        middle = np.clip(self.theta[entries], low + reach, np.maximum(high - reach, low + reach))
+        vectors = np.tile(self.theta, (5, 1))
+        vectors[:, entries] = middle + step * np.arange(-2.0, 3.0)[:, None]
+        return vectors
+
+
+def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
+    """Return the roughness at a vector (P,) of the slots that were not looked at before.
+
+    It takes five simulations of each trial for a slot. ``weight`` is the precision of the
+    residuals.
+    """
+    near = Near(regression, theta, weight)
+    parameters = regression.parameters
+    misfit = near.misfit
+    before = regression.roughness
+    slots = misfit.free if before is None else misfit.free[~before.looked[misfit.free]]
+    looked = np.zeros(parameters.slots.shape[1], np.bool_)
+    looked[slots] = True
+    steps = np.zeros(len(looked))
+    widths = np.zeros(len(looked))
+    linear = misfit.linearise(theta[None])
+    posterior = misfit.laplace(theta[None], linear, weight)[0]
+    variances = np.diag(posterior.covariance(parameters.uniform_precision))
+    slopes = linear.slopes[0] * near.scale  # (E, F, M)
+    usual = {slot: slopes[:, f].ravel() for f, slot in enumerate(misfit.free)}
+    loud = SHARE_OF_SIGNAL * regression.loudness * near.scale
+    tried = []
+    for slot in slots:
+        sd = float(np.sqrt(variances[near.entries(slot)].max()))
+        change = max(float(np.linalg.norm(usual[slot])), 1e-300)
+        least = 2.0 * FINE.difference
+        tried.append(max(min(SDS_OF_STEP * sd, LARGEST_STEP, loud / change), least))
+    lines = [near.line(slot, step) for slot, step in zip(slots, tried, strict=True)]
+    signals = near.signals(np.concatenate([theta[None], *lines]))
+    unrepeated = rms(signals[0] - linear.residuals[0].ravel() * near.scale) / 2.0**0.5
+    jitter = 0.0
+    for slot, step, line in zip(slots, tried, signals[1:].reshape(len(slots), 5, -1), strict=True):
+        entries = near.entries(slot)
+        least = DERIVATIVE_ERROR * float((1.0 / np.maximum(variances[entries], 1e-300)).sum())
+        slope = (8.0 * (line[3] - line[1]) - (line[4] - line[0])) / (12.0 * step)
+        error = slope - usual[slot]
+        if not np.isfinite(slope).all() or error @ error <= least:
+            continue
+        flat = np.linalg.norm(usual[slot]) <= FLAT_SHARE * np.linalg.norm(slope)
+        if flat and len(entries) == 1 and not parameters.circular[entries[0]]:
+            found = plateau(near, int(entries[0]))
+            if found is not None:
+                widths[slot] = found[1] - found[0]
+                continue
+        second = np.linalg.norm(np.diff(line, 2, axis=0)) / 3.0**0.5
+        fourth = float(np.linalg.norm(np.diff(line, 4, axis=0)))
+        noisy = fourth * FOURTH_TO_SECOND > LEAST_ROUGH_RATIO * second
+        # What the signal's bend may add to either slope, if it is smooth.
+        bent = fourth / step + 2.0 * FINE.difference * second / step**2
+        if noisy or float(np.linalg.norm(error)) > bent:
+            steps[slot] = step
+            unit = slope.size**0.5
+            jitter = max(
+                jitter,
+                fourth / 70.0**0.5 / unit,
+                float(np.linalg.norm(error)) * FINE.difference / 2.0**0.5 / unit,
+            )
+    unrepeated = unrepeated if unrepeated > REPEATED_SHARE else 0.0
+    return Roughness(looked, steps, widths, jitter, unrepeated)
+
+
+def rms(signal: Floats) -> float:
+    """Return the root mean square of a signal."""
+    return float(np.sqrt((signal**2).mean()))
+
+
+def plateau(near: Near, entry: int) -> tuple[float, float] | None:
+    """Return the ends of the plateau on which an entry's value is; None where it is on none."""
+    at = float(near.theta[entry])
+    box = near.parameters.low[entry], near.parameters.high[entry]
+
+    def changed(values: Floats) -> Floats:
+        """Return how far the signal is from that at theta for each of some values (n,)."""
+        vectors = np.tile(near.theta, (len(values) + 1, 1))
+        vectors[1:, entry] = values
+        signals = near.signals(vectors)
+        return np.asarray(np.linalg.norm(signals[1:] - signals[0], axis=1))
+
+    tried = np.clip(at + np.array([-TENTH, TENTH]), *box)
+    vectors = np.tile(near.theta, (3, 1))
+    vectors[1:, entry] = tried
+    costs = 0.5 * (near.signals(vectors) ** 2).sum(axis=1)
+    if not np.isfinite(costs).all() or np.abs(costs[1:] - costs[0]).max() < JUMP_COST:
+        return None
+    apart = changed(np.array([at, *tried]))
+    same = max(SAME_SHARE * float(apart[1:].max()), 5.0 * float(apart[0]))
+    outer = np.where(apart[1:] > same, tried, box)
+    inner = np.array([at, at])
+    for _ in range(HALVINGS):
+        middle = 0.5 * (inner + outer)
+        moved = changed(middle) > same
+        outer = np.where(moved, middle, outer)
+        inner = np.where(moved, inner, middle)
+    steps = np.concatenate([inner, outer])
+    left = changed(steps)
+    inside, outside = left[:2], left[2:]
+    reached = outer == box  # or the end of the range, where nothing has changed
+    jump = reached | ((outside - inside > 0.5 * outside) & (outside > LEAST_JUMP))
+    if not jump.all() or reached.all() or outer[1] - outer[0] < LEAST_PLATEAU:
+        return None
+    return float(outer[0]), float(outer[1])
