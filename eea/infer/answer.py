@@ -21,7 +21,16 @@ from eea.infer.mixture import holding, intervals
 from eea.infer.search import Optima
 from eea.infer.statement import RobotModel
 from eea.infer.trials import Noise, Trial
-from eea.infer.words import beyond_range, faults, findings, fits_of, unnoticed
+from eea.infer.words import (
+    at_ends,
+    beyond_range,
+    faults,
+    findings,
+    fits_of,
+    of_simulator,
+    several,
+    unnoticed,
+)
 
 MAXIMUM_SAMPLES = 10**7
 
@@ -229,15 +238,20 @@ class Answer:
         best = self.branches[0]
         if self.goodness.good and self.robot.parts:
             return findings(best.posterior, self.robot, fits_of(self.branches))
+        limits: list[str] = []
+        if not self.robot.parts:
+            limits = several(best) + at_ends(best)
+            limits += [] if self.warm_start is None else of_simulator(self.best_fit)
         if self.goodness.good and self.robot.alternatives:
-            return faults(fits_of(self.branches), self.robot) + unnoticed(self.branches)
+            said = limits + faults(fits_of(self.branches), self.robot)
+            return said + unnoticed(self.branches)
         if self.goodness.good:
-            return self._gaps()
+            return limits + self._gaps()
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
         said = [self.goodness.verdict]
         if best.hypothesis.name != self.robot.nominal.name:
             said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
-        return said + beyond_range(best.posterior, self.robot)
+        return said + limits + beyond_range(best.posterior, self.robot)
 
     def _gaps(self) -> list[str]:
         """Return what was not measured; nothing of a file, or where nearby robots diverge."""

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.infer.mixture import Mixture, holding
+from eea.infer.box_normal import LEAST_PRECISION
+from eea.infer.mixture import (
+    LEAST_APART,
+    PEAK_DISTANCE_SDS,
+    Mixture,
+    Mode,
+    answers,
+    holding,
+)
 from eea.infer.statement import Hypothesis, Prior
 from eea.infer.unknowns import Unknowns
 
@@ -42,11 +52,41 @@ class Branch:
         """The cost of the best mode: -log posterior up to a constant common to all hypotheses."""
         return min(mode.cost for mode in self.posterior.modes)
 
+    @cached_property
+    def answers(self) -> list[tuple[float, Mode]]:
+        """The answers on the common numbers that are apart, with their probabilities."""
+        return answers(self.posterior, self.parameters.common_entries())
+
+    @cached_property
+    def ambiguous(self) -> NDArray[np.intp]:
+        """Which common numbers differ from answer to answer (n,)."""
+        entries = self.parameters.common_entries()
+        theta = np.array([mode.theta[entries] for _, mode in self.answers])
+        if len(theta) < 2:
+            return entries[:0]
+        spread = np.array(
+            [np.diag(m.covariance(LEAST_PRECISION))[entries] for _, m in self.answers]
+        )
+        reach = np.maximum(PEAK_DISTANCE_SDS * np.sqrt(spread.max(axis=0)), LEAST_APART)
+        return np.asarray(entries[np.ptp(theta, axis=0) > reach])
+
+    def _middle(self) -> Floats:
+        """Return the medians (P,); between two answers of a robot there is none, so the best's."""
+        middle = self.posterior.median()
+        if not self.parameters.robot.parts and len(self.ambiguous):
+            middle = middle.copy()
+            middle[self.ambiguous] = self.answers[0][1].theta[self.ambiguous]
+        return middle
+
     def table(self, mass: float) -> dict[str, tuple[float, float, float]]:
-        """Return the median and the interval of everything, by name, in natural units."""
+        """Return the median and the interval of everything, by name, in natural units.
+
+        Where several answers explain the trials, a number has the value of the most probable one
+        in place of the median, and the interval is that of all.
+        """
         parameters = self.parameters
         low, high = self.doubted.interval(mass)
-        low, high, middle = holding(low, high, self.posterior.median(), parameters.circular)
+        low, high, middle = holding(low, high, self._middle(), parameters.circular)
         rows = map(tuple, parameters.natural(np.array([middle, low, high])).T.tolist())
         return dict(zip(parameters.names, rows, strict=True))
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -109,6 +109,8 @@ def would_not_show(branches: Sequence[Branch], name: str) -> float | None:
 
 UNTOLD_SHARE = 0.5  # of a prior's standard deviation: a number known less well is not told
 STEP_SHARES = (1.0, 0.1, 0.01)  # of ``FINE.difference``: steps of central differences
+NEARLY_AS_WELL = 3.0  # of cost: a fit of more is less than 1/20 as probable
+APART_SDS = 2.0  # of a number's values in two fits: closer ones are the same
 MOST_PLACES = 9  # of a number in a sentence
 LEAST_COEFFICIENT = 1e-3  # in prior sds: derivatives by differences are not as accurate
 
@@ -148,12 +150,18 @@ class Identified:
     told: tuple[Combination, ...]
     #: The numbers that are not told, each with the names of those that change with it unseen.
     untold: Mapping[str, tuple[str, ...]]
+    #: The numbers and sums that several answers tell differently, with the value of each.
+    several: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def findings(self) -> list[str]:
         """Sentences on what was measured, only together, and not at all."""
         alone = [one.stated for one in self.told if len(one.coefficients) == 1]
-        said = [f"measured: {'; '.join(alone)}"] if alone else []
+        said = [
+            f"not measured, for {len(values)} values explain the trials alike: {name}"
+            for name, values in self.several.items()
+        ]
+        said += [f"measured: {'; '.join(alone)}"] if alone else []
         return said + self.gaps
 
     @property
@@ -180,6 +188,7 @@ class _Known(NamedTuple):
 
     parameters: Unknowns
     theta: Floats  # (P,), all unknowns at the best fit
+    others: Floats  # (k, P), at fits that explain the trials nearly as well
     entries: NDArray[np.intp]  # (n,), those of the common numbers
     prior: Floats  # (n, n)
     trials: Floats  # (n, n)
@@ -230,7 +239,8 @@ def _known(best: Optima) -> _Known:
     entries = parameters.common_entries()
     prior = parameters.proper_prior[np.ix_(entries, entries)]
     trials = _of_trials(best.regression, theta, best.precision, entries)
-    return _Known(parameters, theta, entries, prior, trials)
+    likely = best.fits.cost[1:] <= best.fits.cost[0] + NEARLY_AS_WELL
+    return _Known(parameters, theta, best.fits.theta[1:][likely], entries, prior, trials)
 
 
 def _of_trials(
@@ -310,25 +320,31 @@ def _identified(known: _Known, trials: Floats) -> Identified:
     natural = parameters.natural(known.theta)[known.entries]
     unit = size * (parameters.natural(np.ones(len(parameters)))
                    - parameters.natural(np.zeros(len(parameters))))[known.entries]  # fmt: skip
+    elsewhere = parameters.natural(known.others)[:, known.entries]
     told: list[Combination] = []
+    several: dict[str, tuple[float, ...]] = {}
     moved: dict[str, tuple[str, ...]] = {names[j]: () for j in free}
     for i in np.setdiff1d(np.arange(len(names)), free):
         sd = _spread(scaled, i, free, follows[i])
         seen = np.abs(follows[i]) > max(sd, LEAST_COEFFICIENT)
         sd = _spread(scaled, i, free[seen], follows[i][seen])
         factors = -follows[i][seen] * unit[i] / unit[free[seen]]
-        told.append(
-            Combination(
-                {names[i]: 1.0}
-                | dict(zip([names[j] for j in free[seen]], factors.tolist(), strict=True)),
-                float(natural[i] + factors @ natural[free[seen]]),
-                float(sd * unit[i]),
-                parameters.robot.table[names[i]].unit,
-            )
+        one = Combination(
+            {names[i]: 1.0}
+            | dict(zip([names[j] for j in free[seen]], factors.tolist(), strict=True)),
+            float(natural[i] + factors @ natural[free[seen]]),
+            float(sd * unit[i]),
+            parameters.robot.table[names[i]].unit,
         )
+        values = elsewhere[:, i] + elsewhere[:, free[seen]] @ factors
+        values = values[np.abs(values - one.value) > APART_SDS * one.sd]
+        if len(values):
+            several[one.name] = (one.value, *values.tolist())
+            continue
+        told.append(one)
         for j in free[seen]:
             moved[names[j]] = (*moved[names[j]], names[i])
-    return Identified(tuple(told), moved)
+    return Identified(tuple(told), moved, several)
 
 
 def _spread(covariance: Floats, i: int, free: NDArray[np.intp], follows: Floats) -> float:

@@ -12,7 +12,7 @@ from scipy.special import log_ndtr
 
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
-from eea.infer.box_normal import BoxNormal
+from eea.infer.box_normal import LEAST_PRECISION, BoxNormal
 from eea.infer.laplace import Laplace
 
 SUMMARY_DRAWS = 4096  # a 5% quantile is then between the 4.3% and the 5.7% quantile
@@ -46,6 +46,33 @@ def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, 
         else:
             kept.append(mode)
     return tuple(kept)
+
+
+LEAST_APART = 0.01  # of a range: answers that differ by less are one
+LEAST_WEIGHT = 0.05  # of an answer: less probable ones are left out
+
+
+def answers(posterior: Mixture, entries: NDArray[np.intp]) -> list[tuple[float, Mode]]:
+    """Return the answers on some entries that are apart, with their probabilities, best first.
+
+    Modes whose entries all differ by less than two standard deviations, or a hundredth of the
+    range, are one answer.
+    """
+    found: list[tuple[float, Mode, Floats]] = []
+    least = LEAST_APART * (posterior.high - posterior.low)[entries]
+    for k in np.argsort(-posterior.weights, kind="stable"):
+        mode = posterior.modes[k]
+        weight = float(posterior.weights[k])
+        spread = np.sqrt(np.diag(mode.covariance(LEAST_PRECISION))[entries])
+        for at, (known, one, wide) in enumerate(found):
+            apart = np.abs(mode.theta - one.theta)[entries]
+            if (apart <= np.maximum(PEAK_DISTANCE_SDS * np.maximum(spread, wide), least)).all():
+                found[at] = (known + weight, one, wide)
+                break
+        else:
+            found.append((weight, mode, spread))
+    likely = [(weight, mode) for weight, mode, _ in found if weight >= LEAST_WEIGHT]
+    return sorted(likely, key=lambda pair: -pair[0])
 
 
 @dataclass(frozen=True, eq=False)

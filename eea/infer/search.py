@@ -265,6 +265,8 @@ class Plateau(NamedTuple):
     """What a number that acts in steps may be: the middles of its plateaus, as shares."""
 
     entry: int
+    best: float
+    width: float  #: Of the best one.
     kept: tuple[float, ...]  #: Those that the trials allow.
     worse: Mapping[float, float]  #: How much worse, in chi-square, those beside them are.
 
@@ -470,10 +472,11 @@ def _mirrored(parameters: Unknowns, theta: Floats, entries: NDArray[np.intp]) ->
         one = theta.copy()
         one[some] = turned[some]
         found.append(one)
-    units = parameters.robot.units
+    units = [parameters.robot.table[name].unit for name in parameters.robot.names]
+    slots = parameters.entry_slots
     for i, j in combinations(entries.tolist(), 2):
         alike = zero[i] == zero[j] and span[i] == span[j]
-        alike &= units.get(parameters.names[i]) == units.get(parameters.names[j])
+        alike &= units[slots[i]] == units[slots[j]]
         if alike and abs(theta[i] - theta[j]) > 1e-6:
             one = theta.copy()
             one[[i, j]] = theta[[j, i]]
@@ -580,7 +583,15 @@ def _on_plateaus(optima: Optima, entry: int) -> tuple[Optima, list[Plateau]]:
         elif own := plateau_of(row):
             row[entry] = 0.5 * (own[0] + own[1])
     centred = _optima(regression, Fitted(theta, fine.squares(theta), fits.cost))
-    return centred, [Plateau(int(entry), tuple(sorted(ends)), dict(sorted(worse.items())))]
+    return centred, [
+        Plateau(
+            int(entry),
+            0.5 * (first[0] + first[1]),
+            first[1] - first[0],
+            tuple(sorted(ends)),
+            dict(sorted(worse.items())),
+        )
+    ]
 
 
 BESIDE = 1e-3  # of a plateau's width past its end

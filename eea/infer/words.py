@@ -13,7 +13,9 @@ from eea.core.angles import Floats
 from eea.infer.branch import Branch
 from eea.infer.design import moved_alone, would_not_show
 from eea.infer.mixture import Mixture
+from eea.infer.search import Optima
 from eea.infer.statement import Hypothesis, RobotModel
+from eea.infer.unknowns import FIXED_PRECISION, Unknowns
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
 # Less probable hypotheses, and sets of sizes, have no sentence. Of a robot with parts the nominal
@@ -52,6 +54,111 @@ def fits_of(branches: Sequence[Branch]) -> list[Fit]:
         )
         for branch in branches
     ]
+
+
+COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+EVEN_ODDS = 3.0  # of two answers: with less the probabilities are not said
+LEAST_END_SDS = 1.5  # from the bound to a best fit outside of a range
+LOUD_JITTER = 0.1  # of the noise: intervals do not allow for as much
+
+
+def several(branch: Branch) -> list[str]:
+    """Return a sentence on the values that explain the trials alike, if there are several."""
+    parameters = branch.parameters
+    if not len(branch.ambiguous):
+        return []
+    names = [parameters.names[i] for i in branch.ambiguous]
+    weights = [weight for weight, _ in branch.answers]
+    first = int(branch.ambiguous[0])
+    uneven = max(weights) > EVEN_ODDS * min(weights)
+    told = []
+    for weight, mode in sorted(branch.answers, key=lambda pair: float(pair[1].theta[first])):
+        natural = parameters.natural(parameters.into_bounds(mode.theta)).tolist()
+        values = [
+            parameters.robot.with_unit(name, natural[i])
+            for name, i in zip(names, branch.ambiguous, strict=True)
+        ]
+        words = " and ".join(f"{n} {v}" for n, v in zip(names, values, strict=True))
+        words = words if len(names) > 1 else values[0]
+        told.append(f"{words} ({weight:.0%})" if uneven else words)
+    count = COUNTS[len(told)] if len(told) < len(COUNTS) else str(len(told))
+    if len(names) == 1:
+        return [f"{count} values of {names[0]} explain the log alike: {_listed(told, 'and')}"]
+    return [f"{count} answers explain the log alike: {', or '.join(told)}"]
+
+
+def _listed(words: Sequence[str], last: str) -> str:
+    """Return words as a list in a sentence."""
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def at_ends(branch: Branch) -> list[str]:
+    """Return a sentence on each number that is at an end of its range."""
+    parameters = branch.parameters
+    mode = branch.posterior.modes[int(np.argmax(branch.posterior.weights))]
+    spread = mode.covariance()
+    step = -spread @ mode.gradient
+    sought = np.flatnonzero(~parameters.circular & (parameters.prior_precision < FIXED_PRECISION))
+    said = []
+    for i in sought:
+        for bound, outward in ((parameters.low, -1.0), (parameters.high, 1.0)):
+            near = outward * (bound[i] - mode.theta[i]) < BOUND_DISTANCE
+            sd = float(np.sqrt(spread[i, i]))
+            if near and outward * step[i] > LEAST_END_SDS * sd > 0.0:
+                said.append(at_end(parameters, int(i), float(bound[i])))
+    return said
+
+
+def at_end(parameters: Unknowns, entry: int, bound: float) -> str:
+    """Return the sentence that an entry is at a bound of its range."""
+    name, _, trial = parameters.names[entry].partition("@")
+    theta = np.zeros(len(parameters))
+    theta[entry] = bound
+    value = parameters.robot.with_unit(name, float(parameters.natural(theta)[entry]), 4)
+    where = f"{name} of trial {trial}" if trial else name
+    return f"{where} is at the end of its range, {value}, and may be beyond it"
+
+
+def of_simulator(optima: Optima) -> list[str]:
+    """Return sentences on numbers that act in steps, and on how rough the simulator is."""
+    parameters = optima.regression.parameters
+    said = []
+
+    def value(entry: int, share: float) -> str:
+        theta = np.zeros(len(parameters))
+        theta[entry] = share
+        natural = float(parameters.natural(theta)[entry])
+        return parameters.robot.with_unit(parameters.names[entry], natural, 4)
+
+    for one in optima.plateaus:
+        kept = _listed([value(one.entry, share) for share in one.kept], "or")
+        words = f"{parameters.names[one.entry]} acts in steps: {kept}"
+        if one.worse:
+            beside = _listed([value(one.entry, share) for share in one.worse], "and")
+            worse = dict.fromkeys(f"{float(f'{much:.2g}'):g}" for much in one.worse.values())
+            verb = "are" if len(one.worse) > 1 else "is"
+            words += f"; {beside} {verb} worse by {_listed(list(worse), 'and')}"
+        said.append(words)
+        for bound in (parameters.low[one.entry], parameters.high[one.entry]):
+            if abs(bound - one.best) < 0.5 * one.width + BOUND_DISTANCE:
+                said.append(at_end(parameters, one.entry, float(bound)))
+    rough = optima.regression.roughness
+    if rough is None:
+        return said
+    if rough.unrepeated:
+        said.append(
+            f"simulate returned other numbers for the same values: {rough.unrepeated:.1g} of the "
+            "noise"
+        )
+    steps = rough.steps[rough.steps > 0.0]
+    if len(steps):
+        ends = dict.fromkeys(f"{100.0 * step:.1g}%" for step in (steps.min(), steps.max()))
+        words = f"simulate jitters by {rough.jitter:.1g} of the noise: derivatives use steps of "
+        words += " to ".join(ends)
+        if rough.jitter > LOUD_JITTER:
+            words += "; the intervals may be too narrow"
+        said.append(words)
+    return said
 
 
 def faults(fits: Sequence[Fit], robot: RobotModel) -> list[str]:
