@@ -85,6 +85,8 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
     looked[slots] = True
     steps = np.zeros(len(looked))
     widths = np.zeros(len(looked))
+    if not len(slots):
+        return Roughness(looked, steps, widths)
     linear = misfit.linearise(theta[None])
     posterior = misfit.laplace(theta[None], linear, weight)[0]
     variances = np.diag(posterior.covariance(parameters.uniform_precision))
