@@ -134,6 +134,19 @@ def test_help_of_a_module_calls_it_by_its_name(
     assert "  python -m fish.swim --length 50\n" in capsys.readouterr().out
 
 
+def test_a_file_without_its_option_is_answered_with_the_option(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from eea.cli.infer import Infer
+
+    for words in (["swim.csv"], ["swim.csv", "--out", "x"]):
+        assert run_command_line("fish", Infer, words) == 2
+        said = capsys.readouterr().err
+        assert said == "fish: unexpected argument 'swim.csv'; did you mean --log swim.csv?\n"
+    assert run_command_line("fish", Infer, ["--log", "swim.csv", "other.csv"]) == 2
+    assert capsys.readouterr().err == "fish: unexpected argument 'other.csv'\n"
+
+
 def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--version") == 0
     name, version = capsys.readouterr().out.split()

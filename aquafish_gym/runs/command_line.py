@@ -7,6 +7,7 @@ commands by name. Errors go to stderr in one line, with the nearest name for a m
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import difflib
 import io
 import os
@@ -304,7 +305,7 @@ def parse(
         if cause is not None:  # tyro puts our message into a box
             raise cause from None
         if leaving.code:
-            raise InvalidArgumentError(_one_line(box.getvalue(), command)) from None
+            raise InvalidArgumentError(_one_line(box.getvalue(), command, words)) from None
         raise
     if isinstance(made, Given):
         object.__setattr__(made, "given", _given(words))
@@ -321,15 +322,24 @@ def _given(words: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _one_line(box: str, command: type[Command]) -> str:
+def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
     """Return the message in tyro's box as one line, with the nearest option or choice."""
+    options = option_names(command)
     rows = [row.strip("│╭╮╰╯ ") for row in box.splitlines()[1:]]  # without the title
     text = " ".join(filter(None, rows))
     message = next(filter(None, re.split(r" *[─-]{9,} *", text)), text)
     if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
         if not found[1].startswith("-"):
-            return f"unexpected argument {found[1]!r}"
-        nearest = difflib.get_close_matches(found[1], option_names(command), n=1)
+            lacking = [
+                name
+                for field in dataclasses.fields(command)
+                if field.default is field.default_factory is dataclasses.MISSING
+                and (name := f"--{option_name(field.name)}") in options
+                and not any(word.partition("=")[0] == name for word in words)
+            ]
+            hint = f"; did you mean {lacking[0]} {found[1]}?" if lacking else ""
+            return f"unexpected argument {found[1]!r}{hint}"
+        nearest = difflib.get_close_matches(found[1], options, n=1)
         return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
     if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
         kind = "a whole number" if found[2] == "int" else "a number"

@@ -32,8 +32,8 @@ from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.fish.bunches import bunches_of
 from eea.logs.alignment import align
-from eea.logs.columns import TIME_UNITS, Quantity, found_columns
-from eea.logs.guesses import Gyroscope, gyroscopes, time_column
+from eea.logs.columns import Quantity, found_columns
+from eea.logs.guesses import TICKS, Gyroscope, gyroscopes, time_column
 from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
 
@@ -49,8 +49,9 @@ LONGEST_GAP_SECONDS = 0.25
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 SHORTEST_TIME_STEP = 5e-4
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
-TIME_NAMES = {tick: unit for unit, tick in TIME_UNITS.items()}
+TIME_NAMES = {tick: unit for unit, tick in TICKS.items()}
 TURN = 2.0 * np.pi
+SERVO_UNITS = dict(zip(SERVOS, ("rev/s", "rev/s", "Hz"), strict=True))
 #: What a log must have. A flipper's servo turns in rev/s, and the tail's command is in Hz.
 QUANTITIES = {
     "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
@@ -119,8 +120,11 @@ class SwimLog:
         for index, rows in enumerate(self.blocks):
             _check_time(time, rows, self.name(index))
         _refuse(np.abs(gyro) > FASTEST_SPIN, gyro, GYRO_COLUMNS, rates)
-        outside = (commands < COMMAND_LOW) | (commands > COMMAND_HIGH)
-        _refuse(outside, commands, SERVOS, "in [-0.5, 0.5] rev/s, caudal in [0, 1] Hz")
+        for name, command, low, high in zip(
+            SERVOS, commands.T, COMMAND_LOW, COMMAND_HIGH, strict=True
+        ):
+            wanted = f"in [{low:g}, {high:g}] {SERVO_UNITS[name]}"
+            _refuse((command < low) | (command > high), command, (name,), wanted)
 
     @classmethod
     def of_trials(

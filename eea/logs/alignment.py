@@ -22,6 +22,7 @@ from eea.logs.columns import (
     found_columns,
     found_term,
     named_columns,
+    time_unit,
     unit_size,
 )
 from eea.logs.streams import Recording, Stream
@@ -185,7 +186,7 @@ def _times(
     unit, texts = given or (None, [])
     if len(texts) > 1:
         raise InvalidArgumentError(f"map: time must be one column; got {brief(','.join(texts))}")
-    if unit is not None:
+    if unit is not None and time_unit(unit) is None:
         one_of("map: the unit of time", unit, TIME_UNITS)
     if texts:
         found = found_columns(recording, texts[0])
@@ -216,10 +217,11 @@ def _times(
         clock = found_term(recording, TIME, TIME, False).column
     times = {}
     for stream in streams:
-        tick = stream.clocks.get(clock, TIME_UNITS.get(stream.units.get(clock, "")))
-        if unit is not None and tick not in (None, TIME_UNITS[unit]):
+        tick = stream.clocks.get(clock, time_unit(stream.units.get(clock, "")))
+        given_tick = time_unit(unit or "")
+        if unit is not None and tick not in (None, given_tick):
             raise InvalidArgumentError(f"map: {clock} is in ticks of {tick:g} s; got {unit}")
-        times[stream.name] = stream.numbers(clock) * (tick or TIME_UNITS[unit or "s"])
+        times[stream.name] = stream.numbers(clock) * (tick or given_tick or 1.0)
     remarks = []
     if len(streams) > 1 or len(sensor.clocks) > 1:
         remarks.append(f"the times are those of {clock}")

@@ -21,6 +21,18 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 TIME = "time"
 
 
+def time_unit(unit: str) -> float | None:
+    """Return a unit of time in s, or None; a number may stand before it.
+
+    Examples
+    --------
+    >>> time_unit("ms"), time_unit("100us"), time_unit("rows")
+    (0.001, 0.0001, None)
+    """
+    found = re.fullmatch(r"(\d*) ?(s|ms|us|ns)", unit)
+    return int(found[1] or 1) * TIME_UNITS[found[2]] if found else None
+
+
 @dataclass(frozen=True)
 class Quantity:
     """What a map may name, besides the time."""

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from eea.logs.cells import without_unit
-from eea.logs.columns import TIME_UNITS
+from eea.logs.columns import TIME_UNITS, time_unit
 from eea.logs.streams import Recording, Stream
 
 GYROSCOPE = re.compile(r"gyr|angular_?vel|ang_?vel|omega|^w_|rollspeed|pitchspeed|yawspeed", re.I)
 OTHER = re.compile(
-    r"acc|bias|clip|cov|delta|deriv|_dt|err|health|innov|int_|integral|mag|offset|scale|setpoint|"
-    r"status|test|var|^cmd|/cmd",
+    r"acc|bias|clip|cov|delta|deriv|_dt|err|fft|freq|health|innov|int_|integral|mag|offset|peak|"
+    r"psd|scale|setpoint|snr|spectr|status|test|var|^cmd|/cmd",
     re.I,
 )
 #: The end of a column's name -> its axis.
@@ -31,6 +31,10 @@ FRAMES = {"ArduPilot BIN": "FRD", "PX4 ULog": "FRD", "MCAP": "FLU"}
 SI_FORMATS = frozenset(FRAMES)
 FASTEST_TURN = 10.0  # rad/s; swimming robots turn slower, so that greater numbers are degrees
 TIME_COLUMN = re.compile(r"(time|stamp|^t$|clock|sec)", re.I)
+#: s between two rows of a robot's log; one with fewer rows shows no motion.
+USUAL_STEPS = (5e-4, 0.25)
+#: What a column of whole numbers may count; sensors count in some that are no unit of their own.
+TICKS = {unit: time_unit(unit) or 0.0 for unit in ("s", "ms", "us", "ns", "10ms", "100us")}
 
 
 class Gyroscope(NamedTuple):
@@ -108,8 +112,9 @@ def commands(recording: Recording) -> list[str]:
 def time_column(stream: Stream) -> tuple[str, float, str] | None:
     """Return the clock of a stream: a column, s per tick, and why; None if nothing looks like one.
 
-    The first column that never goes back and is named like a time is taken. Its unit is guessed by
-    the usual step, which is between 0.5 ms and 1 s in robots' logs.
+    The first column that mostly goes forward and is named like a time is taken. Its unit is guessed
+    by the usual step, which is between 0.5 ms and 0.25 s in robots' logs. Where whole numbers may
+    be in two units, the reason names both.
     """
     for clock, tick in stream.clocks.items():
         return clock, tick, "by the format"
@@ -121,9 +126,20 @@ def time_column(stream: Stream) -> tuple[str, float, str] | None:
         if usual <= 0.0 or not np.isfinite(cells).all():
             continue
         stated = stream.units.get(name, "")
-        if stated in TIME_UNITS:
-            return name, TIME_UNITS[stated], f"in {stated}"
-        for unit, tick in TIME_UNITS.items():
-            if 5e-4 <= usual * tick <= 1.0:
-                return name, tick, f"in {unit}, by its usual step of {usual:.3g}"
+        if tick := time_unit(stated):
+            return name, tick, f"in {stated}"
+        whole = bool((cells == np.round(cells)).all())
+        least, most = USUAL_STEPS
+        possible = [
+            unit
+            for unit, tick in TICKS.items()
+            if least <= usual * tick <= most and (whole or unit in TIME_UNITS)
+        ]
+        if possible:
+            reason = f"in {possible[0]}, by its usual step of {usual:.3g}"
+            for unit in possible[1:]:
+                reason += (
+                    f"; or in {unit}, if it has {1.0 / (usual * TICKS[unit]):.3g} rows a second"
+                )
+            return name, TICKS[possible[0]], reason
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shlex
 import shutil
 import struct
@@ -21,6 +22,7 @@ from eea import read_log
 from eea.__main__ import main
 from eea.logs.alignment import held_means
 from eea.logs.child import PROGRAM
+from eea.logs.guesses import gyroscopes, time_column
 from eea.logs.streams import Recording, Stream
 from eea.logs.summary import summary
 from eea.logs.tables import read_recording, read_streams
@@ -159,7 +161,7 @@ MISTAKES: dict[str, tuple[str, dict[str, str | None], str]] = {
     "no time": ("csv", {"time": None}, "it must have one column time; .*--map 'time=t .ms.'"),
     "text": ("parquet", {"caudal": "note"}, "row 1 must have numbers; note is 'swims'"),
     "rates": ("csv", {"gyro": "s1,s2,s3"}, "at most 10 rad/s, which no such fish"),
-    "scale": ("csv", {"caudal": "s3"}, "caudal must be in .* Hz; got 1600"),
+    "scale": ("csv", {"caudal": "s3"}, r"row 1: caudal must be in \[0, 1\] Hz; got 1600"),
     "trial": ("BIN", {"trial": "RCOU.C1"}, "trial must be of one stream, IMU"),
 }  # fmt: skip
 
@@ -348,6 +350,46 @@ def test_the_page_shows_what_the_commands_print(
     monkeypatch.chdir(ROOT)
     assert main(["logs", EXAMPLE]) == 0
     assert f"```text\n{capsys.readouterr().out}```\n" in PAGE
+
+
+@pytest.mark.parametrize(
+    ("step", "unit"),
+    [
+        (0.01, "in s, by its usual step of 0.01"),
+        (1, "in ms, by its usual step of 1; or in 10ms, if it has 100 rows a second"),
+        (10, "in ms, by .*; or in 10ms, if it has 10 rows a second; or in 100us, if it has 1e.03"),
+        (400, "in 100us, by its usual step of 400"),
+        (10_000, "in us, by its usual step of 1e.04$"),
+    ],
+)
+def test_the_unit_of_a_clock_follows_from_its_usual_step(step: float, unit: str) -> None:
+    stream = Stream("", {"time": np.arange(50) * step})
+    clock = time_column(stream)
+    assert clock is not None
+    assert re.match(unit, clock[2])
+
+
+def test_ticks_of_a_number_of_units_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "swim.csv"
+    columns = write_csv(path)
+    table = np.loadtxt(path, delimiter=";", skiprows=1)
+    table[:, 0] *= 10.0  # 100 us
+    names = "ticks;a [deg/s];b [deg/s];c [deg/s];s1;s2;s3"
+    np.savetxt(path, table, "%.12g", ";", header=names, comments="")
+    columns = {
+        **columns, "time:100us": "ticks", "gyro": "a [deg/s],b [deg/s],c [deg/s]",
+    }  # fmt: skip
+    del columns["time"]
+    np.testing.assert_allclose(read_log(path, columns).time, TIME, atol=1e-9)
+    del columns["time:100us"]
+    with pytest.raises(InvalidArgumentError, match="the unit of time must be one of s, ms, us, ns"):
+        read_log(path, {**columns, "time:ticks": "ticks"})
+
+
+def test_peaks_of_a_spectrum_are_no_gyroscope() -> None:
+    names = [f"peak_frequencies_{axis}[0]" for axis in "xyz"]
+    fft = Stream("sensor_gyro_fft", {name: np.arange(9.0) for name in names})
+    assert gyroscopes(Recording("PX4 ULog", [fft], [])) == []
 
 
 def test_a_stream_is_listed_by_its_columns(
