@@ -7,8 +7,8 @@ commands by name. Errors go to stderr in one line, with the nearest name for a m
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import difflib
+import inspect
 import io
 import os
 import re
@@ -332,8 +332,8 @@ def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
         if not found[1].startswith("-"):
             lacking = [
                 name
-                for field in dataclasses.fields(command)
-                if field.default is field.default_factory is dataclasses.MISSING
+                for field in inspect.signature(command).parameters.values()
+                if field.default is field.empty
                 and (name := f"--{option_name(field.name)}") in options
                 and not any(word.partition("=")[0] == name for word in words)
             ]

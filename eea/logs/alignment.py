@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of
 from eea.core.angles import Floats
+from eea.logs.cells import TIME_UNITS
 from eea.logs.columns import (
     TIME,
-    TIME_UNITS,
     Quantity,
     Term,
     found_columns,

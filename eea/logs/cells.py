@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from eea.logs.streams import Columns
 
 SECONDS_PER_DAY = 86400.0
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_ARRAY = 64  # entries of an array in a row; longer ones are pictures or point clouds
 TIME_FIELDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 #: Encoding of an MCAP's messages -> the library that decodes them.
@@ -29,6 +30,10 @@ DECODERS = {
     "protobuf": "mcap_protobuf.decoder",
 }
 ISO_DATE = re.compile(r"\d{4}-\d\d-\d\d")
+#: A cell without a number; float() reads "nan".
+MISSING = frozenset({"", "-", "na", "n/a", "#n/a", "<na>", "none", "null"})
+TRUTHS = {"true": 1.0, "false": 0.0}
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 
 
 def leaves(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
@@ -115,12 +120,13 @@ def stated_units(names: Sequence[str]) -> dict[str, str]:
     >>> stated_units(["time [\u00b5s]", "gyro_x (\u00b0/s)", "output[0]"])
     {'time [\u00b5s]': 'us', 'gyro_x (\u00b0/s)': 'deg/s'}
     """
-    found = {name: _split_unit(name)[1] for name in names}
-    return {
-        name: unit.replace("\u00b5", "u").replace("\u00b0", "deg")
-        for name, unit in found.items()
-        if unit
-    }
+    found = {name: ascii_unit(_split_unit(name)[1]) for name in names}
+    return {name: unit for name, unit in found.items() if unit}
+
+
+def ascii_unit(unit: str) -> str:
+    """Return a unit with "u" for micro and "deg" for the sign of degrees."""
+    return unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0", "deg")
 
 
 def without_unit(name: str) -> str:
@@ -140,19 +146,47 @@ def _split_unit(name: str) -> tuple[str, str]:
     return name[: min(opening)].rstrip(), unit.strip()
 
 
-def numbers(cells: Sequence[Any]) -> NDArray[Any]:
-    """Return cells as numbers, dates as s since 1970, or anything else as it is."""
+def numbers(cells: Sequence[Any], decimal_comma: bool = False) -> NDArray[Any]:
+    """Return cells as numbers, dates as s since 1970, or anything else as it is.
+
+    An empty cell, or a word for one, is NaN in a column of numbers.
+
+    Examples
+    --------
+    >>> numbers(["1.5", "", "n/a", "-2"])
+    array([ 1.5,  nan,  nan, -2. ])
+    >>> numbers(["true", "false"])
+    array([1., 0.])
+    """
     if isinstance(cells, array):
         return np.array(cells)
     objects = np.array([*cells, None], dtype=object)[:-1]  # of one axis, whatever the cells are
-    if any(cell is None for cell in cells):
-        return objects
     with contextlib.suppress(ValueError, TypeError):
         return objects.astype(np.float64)
-    if hasattr(cells[0], "year") or ISO_DATE.match(str(cells[0])):
+    try:
+        words = {cell: _plain(cell, decimal_comma) for cell in dict.fromkeys(cells)}
+    except TypeError:  # a list is no key
+        return objects
+    plain = [words[cell] for cell in cells]
+    with contextlib.suppress(ValueError, TypeError):
+        return np.array(plain, dtype=object).astype(np.float64)
+    first = next((cell for cell in plain if cell is not None), "")
+    if hasattr(first, "year") or ISO_DATE.match(str(first)):
         with contextlib.suppress(ValueError, TypeError):
-            return seconds(list(cells))
+            return seconds(plain)
     return objects
+
+
+def _plain(cell: Any, decimal_comma: bool) -> Any:
+    """Return a cell as float() reads it; None where it is missing."""
+    if not isinstance(cell, str):
+        return cell
+    word = cell.strip()
+    if word.lower() in MISSING:
+        return None
+    if decimal_comma and DECIMAL_COMMA.fullmatch(word):
+        return word.replace(",", ".")
+    return TRUTHS.get(word.lower(), word)
 
 
 def seconds(dates: Any) -> NDArray[np.float64]:

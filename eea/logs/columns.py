@@ -12,12 +12,12 @@ import numpy as np
 
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError, brief, one_of
 from eea.core.angles import Floats
+from eea.logs.cells import TIME_UNITS
 from eea.logs.streams import Recording, Stream
 
 NUMBER = r"\d*\.?\d+(?:[eE][+-]?\d+)?"
 TERM = re.compile(rf"(?P<sign>-?)\s*(?:(?P<factor>{NUMBER})\s*\*)?\s*(?P<name>.+)")
 OFFSET = re.compile(rf"(?P<name>.+?)\s*(?P<offset>[+-]\s*{NUMBER})")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 TIME = "time"
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eea.logs.cells import without_unit
-from eea.logs.columns import TIME_UNITS, time_unit
+from eea.logs.cells import TIME_UNITS, without_unit
+from eea.logs.columns import time_unit
 from eea.logs.streams import Recording, Stream
 
 GYROSCOPE = re.compile(r"gyr|angular_?vel|ang_?vel|omega|^w_|rollspeed|pitchspeed|yawspeed", re.I)
@@ -126,8 +126,9 @@ def time_column(stream: Stream) -> tuple[str, float, str] | None:
         if usual <= 0.0 or not np.isfinite(cells).all():
             continue
         stated = stream.units.get(name, "")
-        if tick := time_unit(stated):
-            return name, tick, f"in {stated}"
+        known = time_unit(stated)
+        if known:
+            return name, known, f"in {stated}"
         whole = bool((cells == np.round(cells)).all())
         least, most = USUAL_STEPS
         possible = [

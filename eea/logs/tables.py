@@ -6,6 +6,7 @@ the field read the others (extra ``logs``), in a process whose memory and time a
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import os
@@ -32,7 +33,9 @@ from aquafish_gym.utils.validation import (
 )
 from eea.logs.cells import (
     DECODERS,
+    TIME_UNITS,
     Table,
+    ascii_unit,
     decoder,
     is_clock,
     leaves,
@@ -61,6 +64,11 @@ SMALL_CSV_BYTES = 2**20
 LARGEST_LOG_BYTES = 2**31
 ARDUPILOT_CLOCKS = (("TimeUS", 1e-6), ("TimeMS", 1e-3))
 CUT = "the file ends in the middle of a row, which is left out"
+#: Units of which a row of units has at least one.
+USUAL_UNITS = frozenset({
+    *TIME_UNITS, "rad", "deg", "rad/s", "deg/s", "dps", "m", "m/s", "m/s^2", "m/s2", "g", "V", "A",
+    "Hz", "Pa",
+})  # fmt: skip
 UNENDED = "the file's last row has no end of line, so that it may be cut: it is left out"
 
 
@@ -133,8 +141,8 @@ def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
     if len(content) > LARGEST_CSV_BYTES:
         raise DamagedFileError(f"it has more than {LARGEST_CSV_BYTES} bytes: write it as Parquet")
     try:
-        text = content.decode("utf-8-sig")
-        delimiter = max(",;\t", key=text.partition("\n")[0].count)
+        text = _decoded(content)
+        delimiter, text = _table(text)
         rows = [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except (csv.Error, UnicodeDecodeError) as error:
         raise DamagedFileError(f"it is no CSV, Parquet, BIN, ULog or MCAP file: {error}") from None
@@ -149,9 +157,68 @@ def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
                 f"row {number} has {len(row)} cells, and the first line of the file names "
                 f"{len(names)} columns: it must name all"
             )
+    units = stated_units(names)
+    if below := _units_below(names, rows):
+        del rows[0]
+        units |= below
+        remarks.append("the row below the names is taken for units")
     filled = [[*row, *[None] * (len(names) - len(row))] for row in rows]
-    columns = [numbers([row[i] for row in filled]) for i in range(len(names))]
-    yield Stream("", named(names, columns, remarks), {}, stated_units(names))
+    comma = delimiter != ","
+    columns = [numbers([row[i] for row in filled], comma) for i in range(len(names))]
+    yield Stream("", named(names, columns, remarks), {}, units)
+
+
+def _decoded(content: bytes) -> str:
+    """Return the text of a file in UTF-8, in UTF-16 with its mark, or as old Windows writes it."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if any(byte < ord(" ") and byte not in b"\t\r\n" for byte in content):
+            raise
+        return content.decode("cp1252")
+
+
+def _table(text: str) -> tuple[str, str]:
+    """Return the delimiter of a text, and the table in it: comments may come before the names.
+
+    NumPy writes the names themselves as a comment, before a row of numbers.
+    """
+    while True:
+        line, _, rest = text.partition("\n")
+        if line.lower().startswith("sep=") and rest:  # for spreadsheets
+            text = rest
+            continue
+        delimiter = max(",;\t", key=line.count)
+        if not line.startswith(("#", "//")):
+            return delimiter, text
+        following = rest.partition("\n")[0]
+        cells = following.split(delimiter)
+        if not rest or (len(cells) == line.count(delimiter) + 1 and _is_number(cells[0])):
+            return delimiter, text.lstrip("#/ ")
+        text = rest
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _units_below(names: list[str], rows: list[list[str]]) -> dict[str, str]:
+    """Return the units in the first row, if it has words where the second one has numbers."""
+    if len(rows) < 2 or not len(rows[0]) == len(rows[1]) == len(names):
+        return {}
+    units = [ascii_unit(cell.strip(" []()")) for cell in rows[0]]
+    there = [(unit, cell) for unit, cell in zip(units, rows[1], strict=True) if unit]
+    if USUAL_UNITS.isdisjoint(units) or not all(
+        _is_number(cell) and not _is_number(unit) for unit, cell in there
+    ):
+        return {}
+    return {name: unit for name, unit in zip(names, units, strict=True) if unit}
 
 
 def _parquet(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:

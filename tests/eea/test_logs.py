@@ -386,6 +386,49 @@ def test_ticks_of_a_number_of_units_are_read(tmp_path: Path) -> None:
         read_log(path, {**columns, "time:ticks": "ticks"})
 
 
+def table(text: str | bytes, tmp_path: Path) -> Recording:
+    """Return a CSV's one stream, as it is read from a file."""
+    path = tmp_path / "swim.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_recording(path)
+
+
+TABLES: dict[str, tuple[Any, dict[str, list[float]], dict[str, str]]] = {
+    "empty cells": (
+        "a,b\n1,\n,2\nnan,n/a\n", {"a": [1, *2 * [np.nan]], "b": [np.nan, 2, np.nan]}, {},
+    ),
+    "short rows": ("a,b,c\n1,2\n1,2,3\n", {"a": [1, 1], "b": [2, 2], "c": [np.nan, 3]}, {}),
+    "truths": ("a,b\nTrue,1\nfalse,2\n", {"a": [1, 0], "b": [1, 2]}, {}),
+    "decimal commas": ("t;x\n0,01;-1,5e1\n0,02;2\n", {"t": [0.01, 0.02], "x": [-15, 2]}, {}),
+    "a row of units": (
+        "t,x\n[ms],°/s\n1,2\n2,3\n", {"t": [1, 2], "x": [2, 3]}, {"t": "ms", "x": "deg/s"},
+    ),
+    "comments": ("# robot 7\n# of Monday\na,b\n1,2\n", {"a": [1], "b": [2]}, {}),
+    "names of NumPy": ("# a b,c\n1,2\n", {"a b": [1], "c": [2]}, {}),
+    "a spreadsheet's first line": ("sep=;\na;b\n1;2\n", {"a": [1], "b": [2]}, {}),
+    "UTF-16": ("a,b\n1,2\n".encode("utf-16"), {"a": [1], "b": [2]}, {}),
+    "old Windows": (
+        "a [°/s],b\n1,2\n".encode("cp1252"), {"a [°/s]": [1], "b": [2]},
+        {"a [°/s]": "deg/s"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
+    text, columns, units = TABLES[name]
+    (stream,) = table(text, tmp_path).streams
+    assert stream.columns.keys() == columns.keys()
+    for column, cells in columns.items():
+        np.testing.assert_array_equal(stream.columns[column], cells)
+    assert stream.units == units
+
+
+def test_a_decimal_comma_in_a_table_of_commas_is_a_text(tmp_path: Path) -> None:
+    (stream,) = table('a,b\n"1,500",2\n', tmp_path).streams
+    assert stream.columns["a"].tolist() == ["1,500"]
+
+
 def test_peaks_of_a_spectrum_are_no_gyroscope() -> None:
     names = [f"peak_frequencies_{axis}[0]" for axis in "xyz"]
     fft = Stream("sensor_gyro_fft", {name: np.arange(9.0) for name in names})
