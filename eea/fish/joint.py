@@ -69,6 +69,16 @@ STARTS: dict[str, Number] = {
 }
 
 
+# Simulations whose commands are their own take memory: a batch has at most this number of steps.
+MOST_STEPS = 2**22
+
+
+def change_names(windows: LogWindows | None) -> tuple[str, ...]:
+    """Return the names of the numbers that say when a command changed between two rows."""
+    changes = None if windows is None else windows.changes
+    return tuple(f"change {k} of the command" for k in range(1, 1 + len(changes or ())))
+
+
 def fish_signal(
     values: Values,
     inputs: NDArray[Any],
@@ -83,6 +93,20 @@ def fish_signal(
     ``material`` is by default that of the engines.
     """
     material = material or Material()
+    if windows is not None and windows.changes is not None:
+        most = max(1, MOST_STEPS // windows.steps)
+        if len(inputs) > most:  # each robot has a series of its own, which takes memory
+            return np.concatenate([
+                fish_signal(
+                    {name: value[i : i + most] for name, value in values.items()},
+                    inputs[i : i + most],
+                    fine,
+                    simulator,
+                    windows,
+                    material,
+                )
+                for i in range(0, len(inputs), most)
+            ])  # fmt: skip
     start = None if windows is None else windows.start
     reactive = values[REACTIVE_WATER] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
@@ -121,9 +145,12 @@ def fish_signal(
     if start is not None:  # until then every servo obeyed its command
         obeyed = replace(scenario, servo_gain=still + gain)
         scenario = obeyed.then(0, scenario)
+    commands = inputs
+    if windows is not None:
+        commands = windows.commands(inputs, [values[name] for name in change_names(windows)])
     gyro = simulate_scenario(
         scenario,
-        inputs if windows is None else windows.series[inputs],
+        commands,
         simulator.steps,
         simulator.engine,
         "float64" if fine else simulator.dtype,
@@ -212,14 +239,16 @@ def discrepancy_table() -> dict[str, Any]:
 
 def fish_numbers(windows: LogWindows | None = None) -> dict[str, Number]:
     """Return the fish's numbers in trials from rest, or in the windows of a log."""
+    # The share of the time between two rows after which a command changed; in each trial its own.
+    changes = {name: Number(0.0, 1.0, varies=True) for name in change_names(windows)}
     if windows is not None and windows.start is not None:
         # The water is still. A reversed tail can be recognised if its phase is known.
         still = {name: Number(-0.5, 0.5, mean=0.0, switch=True) for name in CURRENT}
-        tail = SERVO["caudal"]
-        return {**SIZES, **still, **NUISANCES, tail: replace(NUISANCES[tail], low=-1.0)}
+        tail = replace(NUISANCES[SERVO["caudal"]], low=-1.0)
+        return {**SIZES, **still, **NUISANCES, SERVO["caudal"]: tail, **changes}
     if windows is not None and windows.begun:
-        return {**SIZES, **NUISANCES, **STARTS, **ANGLES}
-    return {**SIZES, **CURRENTS, **NUISANCES, **ANGLES}
+        return {**SIZES, **NUISANCES, **STARTS, **changes, **ANGLES}
+    return {**SIZES, **CURRENTS, **NUISANCES, **changes, **ANGLES}
 
 
 def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:

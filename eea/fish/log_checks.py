@@ -21,13 +21,14 @@ from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.joint import fish_robot
 from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typical_step
+from eea.fish.log_fit import CLOSEST_ROWS_SECONDS, fit_log
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
-from eea.fish.windows import log_windows
+from eea.fish.windows import LogWindows, log_windows
 from eea.infer.answer import Answer
 from eea.infer.descent import descend
-from eea.infer.fit import fit
 from eea.infer.misfit import COARSE, Regression
+from eea.infer.robot import Robot
 from eea.infer.search import EVERY_FOURTH_SAMPLE, scan
 from eea.infer.trials import Observed
 from eea.infer.unknowns import Unknowns
@@ -219,6 +220,10 @@ class _Log(NamedTuple):
     moving: bool
     simulator: SimulatorOptions
 
+    def robot(self, windows: LogWindows) -> Robot:
+        """Return the fish in some windows."""
+        return fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
+
     def screened(self, change: LogChange, iterations: int) -> TriedChange | None:
         """Return a refined change with the unexplained share of a short fit of the first seconds.
 
@@ -231,7 +236,7 @@ class _Log(NamedTuple):
             windows = log_windows(some, moving, SCREENED_SECONDS if moving else None)
         except InvalidArgumentError:
             return None
-        fish = fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
+        fish = self.robot(windows)
         count = min(len(windows.gyro), SCREENED_WINDOWS)
         whole = windows.observed
         observed = Observed(
@@ -264,13 +269,16 @@ class _Log(NamedTuple):
         moving = self.moving or change.moving
         config = replace(CONFIRMING, nuisances=self.settings.nuisances, noise=self.settings.noise)
         try:
-            windows = log_windows(change.apply(self.log, self.moving), moving)
-            fish = fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
+            changed = change.apply(self.log, self.moving)
+            windows = log_windows(changed, moving)
+            finer = log_windows(changed, moving, within=CLOSEST_ROWS_SECONDS)
             if config.nuisances is not None:  # a swim in motion has no current
-                chosen = tuple(n for n in config.nuisances if n in fish.groups)
+                groups = self.robot(windows).groups
+                chosen = tuple(n for n in config.nuisances if n in groups)
                 config = replace(config, nuisances=chosen)
-            rng = streams(self.seed)["inference"]
-            return fit(windows.observed, fish, config, rng)
+            return fit_log(
+                windows, finer, self.robot, config, lambda: streams(self.seed)["inference"]
+            )
         except (InvalidArgumentError, TargetError):
             return None
 

@@ -18,13 +18,14 @@ from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import check_groups, fish_robot
 from eea.fish.log_checks import LogCheck, check_log
+from eea.fish.log_fit import CLOSEST_ROWS_SECONDS, fit_log
 from eea.fish.prior import check_belief, noise_now, since
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import LogWindows, Start, log_windows
 from eea.infer.answer import Answer
-from eea.infer.fit import fit
 from eea.infer.known import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
+from eea.infer.robot import Robot
 from eea.infer.search import Optima
 
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
@@ -104,10 +105,9 @@ def infer_log(
     check_groups(config.nuisances, windows)
     if truth is not None:
         Morphology.coerce(truth)  # raises for what is no body
-    fish = fish_robot(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
-        fish = since(fish, prior)
         config = replace(config, noise=_known_noise(config, prior, windows))
+    finer = log_windows(log, moving, start=start, within=CLOSEST_ROWS_SECONDS)
     found: list[LogCheck] = []
 
     def doubt(plain: Optima) -> bool:
@@ -120,9 +120,14 @@ def infer_log(
         )
         return not found[0].fits
 
-    rng = streams(seed)["estimation"]
+    def robot(by: LogWindows) -> Robot:
+        fish = fish_robot(EngineSimulator(by.steps, **simulator), by)
+        return fish if prior is None else since(fish, prior)
+
     doubts = doubt if check else None
-    posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
+    posterior = fit_log(
+        windows, finer, robot, config, lambda: streams(seed)["estimation"], doubts, progress
+    )
     checked = found[0] if found and not posterior.good else None
     return MorphologyEstimate.of(posterior, truth, checked, seed)
 
@@ -220,11 +225,17 @@ def watch_swim(
     if not windows.series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     sigma, samples = noise_now(belief, windows)
-    detector = ChangeDetector(joint, replace(belief, sigma=sigma, samples=samples), alarm, seed)
+    known = replace(belief, sigma=sigma, samples=samples)
+    detector = ChangeDetector(joint, known, alarm, seed)
+    finer = log_windows(log, True, WINDOW_SECONDS, within=CLOSEST_ROWS_SECONDS)
+    joint = fish_robot(EngineSimulator(finer.steps, **simulator), finer)
+    doubting = ChangeDetector(joint, known, alarm, seed)
     looks: list[WindowTest] = []
     for i, gyro in enumerate(windows.gyro):
         weight = None if windows.weight is None else windows.weight[i]
         looks.append(detector.look(np.array([i]), gyro, weight))
+        if not looks[-1].same and finer.unknown(i) > windows.unknown(i):
+            looks[-1] = doubting.look(np.array([i]), gyro, weight)
         if progress is not None:
             progress(i + 1, len(windows.gyro))
         if until_noticed and not looks[-1].same:

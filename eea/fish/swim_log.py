@@ -41,9 +41,8 @@ GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
 LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # columns of the file; "trial" may follow
 TRIAL_COLUMN = "trial"
 FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned faster than 4.3
-#: s between two rows of a trial. The commands between rows are known, so rows only need to
-#: outnumber the unknowns. An environment's action lasts 0.2 s; in a longer gap rows are missing,
-#: and the commands are unknown.
+#: s between two rows of a trial. Rows only need to outnumber the unknowns. An environment's action
+#: lasts 0.2 s; in a longer gap rows are missing, and the commands are unknown.
 LONGEST_GAP_SECONDS = 0.25
 #: Units of time that a logger may write, s; and the least step between rows in them, s.
 UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
@@ -69,9 +68,11 @@ QUANTITIES = {
 class SwimLog:
     """A recorded swim of one trial or several.
 
-    A row has the gyroscope's reading at its time, and the command that the servos execute from
-    this row to the next. A trial begins at its first row. A simulation of T steps of 0.01 s thus
-    has T + 1 rows: the first at rest with the first command, and one after each step.
+    A row has the gyroscope's reading at its time, and the command that the servos execute then. A
+    command that is new in a row began between the row before and this one; where these are more
+    than 0.01 s apart, inference finds when. A trial begins at its first row. A simulation of T
+    steps of 0.01 s thus has T + 1 rows: the first at rest with the first command, and one after
+    each step.
 
     Raises
     ------

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, check_commands
+from aquafish_gym.command import check_commands
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
 from eea.core.angles import Floats
+from eea.fish.commands import Changes, first_step, held, unknown_changes, wide
 from eea.fish.readings import (
     DIFFERENCE_ORDER,
     STEP_TIME_TOLERANCE,
@@ -36,6 +37,8 @@ from eea.infer.trials import Observed
 LAG_SAMPLES = 20
 # samples of a window from rest, and of one in motion
 MAXIMUM_WINDOW_SAMPLES = {False: 1024, True: 512}
+# of command in a window, at unknown times: each is another unknown
+MOST_UNKNOWN_CHANGES = 40
 MOST_WINDOWS = 8  # windows of a swim; more add time and little information
 CUBIC_POINTS = 4
 LONGEST_READING_SECONDS = 0.2  # between the readings that early stages of a search compare
@@ -106,6 +109,7 @@ class LogWindows:
     ends: Floats  #: (E,) end of each window, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: Sentences on the unused parts of the log.
     start: Start | None = None  #: The state of each trial at its first row, if it is known.
+    changes: Changes | None = None  #: Changes of command at unknown times; ``series`` has the last.
 
     @cached_property
     def regular(self) -> bool:
@@ -137,6 +141,10 @@ class LogWindows:
         places = np.clip((self.begun + steps) // self.interval, 0, changes.shape[1] - 1)
         first, last = np.moveaxis(changes[np.arange(len(changes))[:, None, None], places], 2, 0)
         used = (first == last) & (seconds < STEADY_SECONDS)
+        if self.changes is not None:
+            ends = self.begun + time[:, :, [0, -1]] / TIMESTEP
+            window = np.broadcast_to(np.arange(len(used))[:, None], used.shape)
+            used &= ~self.changes.between(window, ends[:, :, 0], ends[:, :, 1])
         count = int(used.sum())
         if count < FEWEST_STEADY:
             return None
@@ -151,6 +159,22 @@ class LogWindows:
     def observed(self) -> Observed:
         """The trials of an inference; their commands are the windows' numbers."""
         return Observed(np.arange(len(self.gyro)), self.gyro, self.weight, self.time)
+
+    def unknown(self, window: int | None = None) -> int:
+        """Return the number of changes at unknown times, of one window or of all."""
+        if self.changes is None:
+            return 0
+        there = (self.changes.jump != 0.0).any(axis=2)
+        return int(np.sum(there if window is None else there[window]))
+
+    def commands(self, windows: NDArray[np.intp], shares: Sequence[Floats]) -> Floats:
+        """Return the commands (B, K, 3) of ``windows`` (B,).
+
+        ``shares`` (B,) of each unknown change say when it is: 0 at the row before, 1 at its own.
+        """
+        if self.changes is None:
+            return self.series[windows]
+        return self.changes.series(self.series, windows, np.stack(shares, axis=1))
 
     def sampled(self, signal: NDArray[Any], windows: NDArray[np.intp]) -> NDArray[Any]:
         """Return simulated signals (B, K, axes) of ``windows`` (B,) at the times of the readings.
@@ -179,6 +203,7 @@ def log_windows(
     moving: bool = False,
     seconds: float | None = None,
     start: Start | None = None,
+    within: float = TIMESTEP,
 ) -> LogWindows:
     """Cut a log into windows, which joint inference compares.
 
@@ -199,6 +224,9 @@ def log_windows(
         may be longer. None for the lengths above.
     start
         The state in which each trial begins, if it is known.
+    within
+        When a command changed is unknown where rows are farther apart than this, s; otherwise it
+        is taken as the time of the row.
 
     Raises
     ------
@@ -227,30 +255,49 @@ def log_windows(
                 f"{log.name(index)} must have at least {FEWEST_SAMPLES} readings, 0.01 s or more "
                 f"apart, after the first {lead * TIMESTEP:g} s; it has {len(readings)}"
             )
-        windows += [(index, each) for each in _cut(readings, moving, seconds)]
+        most = MAXIMUM_WINDOW_SAMPLES[moving]
+        unknown = unknown_changes(log, index, within)
+        if unknown is None:
+            remarks.append(
+                f"in {log.name(index)} the commands change in most rows: each is taken to begin at "
+                "its row, since the readings do not tell when between two rows"
+            )
+        elif seconds is None and (count := int(unknown.sum())):
+            most = max(FEWEST_SAMPLES, min(most, MOST_UNKNOWN_CHANGES * len(readings) // count))
+        windows += [(index, each) for each in _cut(readings, moving, seconds, most)]
     windows = windows[: MOST_WINDOWS if moving and seconds is None else None]
     trial = np.array([index for index, _ in windows])
     first = np.array([readings.base for _, readings in windows])
+    at_rest = not moving and start is None
+    # A trial at rest may have begun to move any time since the row that would have come before.
+    before = np.array([_before(log, index, within) if at_rest else 0.0 for index in trial])
+    origin = log.time[first] - before
     # The simulation has no sample before its first step.
-    parts = [one.after(log.time[one.base] + TIMESTEP - STEP_TIME_TOLERANCE) for _, one in windows]
-    time = _filled([one.time - log.time[one.base] for one in parts])
+    parts = [
+        one.after(begin + TIMESTEP - STEP_TIME_TOLERANCE)
+        for begin, (_, one) in zip(origin, windows, strict=True)
+    ]
+    time = _filled([one.time - begin for begin, one in zip(origin, parts, strict=True)])
     gyro = _filled([one.gyro for one in parts])
     weight = _filled([one.weight for one in parts], 0.0)
     steps = max(CUBIC_POINTS, int(np.ceil((time.max() - STEP_TIME_TOLERANCE) / TIMESTEP)))
-    begin = log.time[first] - lead * TIMESTEP
-    series = np.array([
-        _commands(log, *each, lead + steps) for each in zip(trial, begin, strict=True)
-    ])  # fmt: skip
+    performed = [
+        held(log, index, begin - lead * TIMESTEP, lead + steps, rest > 0.0, within)
+        for index, begin, rest in zip(trial, origin, before, strict=True)
+    ]
+    series = np.array([one for one, _ in performed])
+    changes = Changes.of([unknown for _, unknown in performed])
     if start is not None:
         lead = LAG_SAMPLES
-        before = np.broadcast_to(start.command, (len(series), lead, 3))
-        series = np.concatenate([before, series], axis=1)
+        obeyed = np.broadcast_to(start.command, (len(series), lead, 3))
+        series = np.concatenate([obeyed, series], axis=1)
+        changes = None if changes is None else changes.after(lead)
     if not moving and not series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     if (gyro == gyro[:, :1]).all():
         raise InvalidArgumentError("log must contain motion: its gyroscope never changes")
-    changes = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
-    interval = gcd(*changes.tolist()) or series.shape[1]
+    edges = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
+    interval = (gcd(*edges.tolist()) or series.shape[1]) if changes is None else 1
     used = log.time[[one.last for _, one in windows]]
     used = used - log.time[[log.blocks[index].start for index in trial]]
     earlier = np.cumsum([0.0, *log.seconds])  # s of swimming before each trial
@@ -276,14 +323,25 @@ def log_windows(
         ends=earlier[trial] + used,
         remarks=tuple(remarks),
         start=start,
+        changes=changes,
     )
 
 
-def _cut(readings: GyroReadings, moving: bool, seconds: float | None) -> list[GyroReadings]:
-    """Return the windows of a trial's readings."""
+def _before(log: SwimLog, trial: int, within: float) -> float:
+    """Return the s in whole steps before a trial's first row in which it may have begun to move."""
+    step = first_step(log, trial)
+    if not wide(step, within) or unknown_changes(log, trial, within) is None:
+        return 0.0
+    return TIMESTEP * float(np.ceil(step / TIMESTEP - 1e-6))
+
+
+def _cut(
+    readings: GyroReadings, moving: bool, seconds: float | None, most: int
+) -> list[GyroReadings]:
+    """Return the windows of a trial's readings; without ``seconds`` of at most ``most`` each."""
     whole = len(readings)
     if seconds is None:
-        count = min(MAXIMUM_WINDOW_SAMPLES[moving], whole)
+        count = min(most, whole)
         return [
             readings[count * i : count * (i + 1)] for i in range(whole // count if moving else 1)
         ]
@@ -308,26 +366,6 @@ def _filled(parts: Sequence[Floats], last: float | None = None) -> Floats:
         more = part[-1:] if last is None else np.full_like(part[-1:], last)
         rows.append(np.concatenate([part, np.repeat(more, longest - len(part), axis=0)]))
     return np.stack(rows)
-
-
-def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
-    """Return the command (steps, 3) in each 0.01 s from ``begin``, in s.
-
-    A step in which the command changes has the mean, which turns the servos equally far.
-    """
-    rows = log.blocks[trial]
-    time = log.time[rows]
-    commands = log.commands[rows]
-    edges = begin + TIMESTEP * np.arange(steps + 1)
-    at = np.clip(np.searchsorted(time, edges + STEP_TIME_TOLERANCE, "right") - 1, 0, None)
-    until = np.clip(np.searchsorted(time, edges - STEP_TIME_TOLERANCE, "right") - 1, 0, None)
-    turned = np.zeros(commands.shape)
-    turned[1:] = np.cumsum(commands[:-1] * np.diff(time)[:, None], axis=0)
-    passed = np.stack([np.interp(edges, time, axis) for axis in turned.T], axis=1)
-    mean = np.clip(np.diff(passed, axis=0) / TIMESTEP, COMMAND_LOW, COMMAND_HIGH)
-    changes = np.cumsum((np.diff(commands, axis=0, prepend=commands[:1]) != 0.0).any(axis=1))
-    steady = changes[at[:-1]] == changes[until[1:]]
-    return np.where(steady[:, None], commands[at[:-1]], mean)
 
 
 def cubic_weights(at: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
