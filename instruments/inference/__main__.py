@@ -17,6 +17,7 @@ from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from instruments.inference.cases import Case, measure
+from instruments.inference.logs import LOGS, summarise_logs
 from instruments.inference.plots import save_pictures
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
 from instruments.inference.summary import summarise
@@ -47,7 +48,7 @@ class Inference:
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
     """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco, foreign for
     all foreign worlds or one such as law-0.01; and of the swims: window, unchanged, struck,
-    recovery. By default all but the foreign."""
+    recovery; and rows, logs of 100 to 10 rows a second. By default all but foreign and rows."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
 
@@ -56,7 +57,7 @@ class Inference:
         integer("seed", self.seed, 0)
         if not 0.0 < self.bodies <= 100.0:
             raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
-        sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS
+        sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS | LOGS
         names = [
             each
             for name in self.only
@@ -94,6 +95,11 @@ class Inference:
                     name: summarise_swims(name, [_read(folder, case) for case in some])
                     for name, some in cases.items()
                     if name in SWIMS
+                },
+                "logs": {
+                    name: summarise_logs([_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                    if name in LOGS
                 },
             }
             write_document(folder / REPORT, report, SCHEMA)

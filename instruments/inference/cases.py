@@ -19,6 +19,7 @@ from eea.infer.descent import descend
 from eea.infer.misfit import FINE, Misfit
 from eea.infer.unknowns import Unknowns
 from instruments.inference.calibration import ranks
+from instruments.inference.logs import LOGS, measure_log
 from instruments.inference.robots import Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import EVERY, Setting
 from instruments.inference.swims import SWIMS, measure_swim
@@ -33,7 +34,7 @@ LEAST_SIGMA = 1e-5  # rad/s, at which that is judged without noise
 
 @dataclass(frozen=True)
 class Case:
-    """One robot of a setting, or one of ``SWIMS``; its number and the seed decide all."""
+    """One robot of a setting, of ``SWIMS`` or ``LOGS``; its number and the seed decide all."""
 
     setting: str
     number: int
@@ -52,8 +53,10 @@ class Case:
 
 def measure(case: Case) -> dict[str, Any]:
     """Return what was found of one robot, and how it compares with the truth."""
+    rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
+    if case.setting in LOGS:
+        return measure_log(case.number, rng)
     if case.setting in SWIMS:
-        rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
         return measure_swim(case.setting, case.number, rng)
     which = list(EVERY).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])

@@ -51,6 +51,8 @@ def make_tables(report: Report) -> dict[str, Table]:
     if "exact" in parts:
         tables["exact"] = exact_table(parts["exact"])
     swims = dict(report.get("swims", {}))
+    if "rows" in (logs := report.get("logs", {})):
+        tables["rows"] = rows_table(logs["rows"])
     recovery = swims.pop("recovery", None)
     if swims:
         tables["swims"] = swims_table(swims)
@@ -86,6 +88,20 @@ def swims_table(parts: Mapping[str, Any]) -> Table:
             )
         rows.append((TITLES[name], swims, found))
     return Table("swims", ("swims", "how many", "found"), rows, words=3)
+
+
+def rows_table(parts: Mapping[str, Any]) -> Table:
+    """Return what was found of logs, by the rate of their rows."""
+    return Table(
+        "logs whose commands change between rows",
+        ("rows a second", "logs", "as noise would", "median OBJ_FIT", "least", "90%", "CPU s"),
+        [
+            (rate, str(part["logs"]), str(part["good"]), f"{part['median']:.3f}",
+             f"{part['least']:.3f}", "" if part["covered"] is None else f"{part['covered']:.1%}",
+             f"{part['seconds']:.1f}")
+            for rate, part in parts.items()
+        ],
+    )  # fmt: skip
 
 
 def settings_table(parts: Mapping[str, Any]) -> Table:
