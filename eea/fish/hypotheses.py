@@ -8,11 +8,12 @@ from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.damage.words import PARTS, SERVO_WORDS, needs_number
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS
 from aquafish_gym.scenario import Scenario
-from eea.infer.statement import Hypothesis
+from eea.infer.statement import Hypothesis, Number
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
+ANYWHERE = Number(0.0)  # in the range, as a change
 REACTIVE_WATER = "reactive water"
 AS_COMMANDED = Hypothesis("every servo does as it is told")
 
@@ -31,7 +32,7 @@ def fault_hypothesis(fin: str, word: str) -> Hypothesis:
     subject = SERVO[fin] if word in SERVO_WORDS else FIN_WORDS[fin]
     name = f"the {subject} is {word}"
     if word in SERVO_WORDS and needs_number(PARTS[fin][word]):
-        return Hypothesis(name, freed=(SERVO[fin],), part=FIN_WORDS[fin])
+        return Hypothesis(name, moves={SERVO[fin]: ANYWHERE}, part=FIN_WORDS[fin])
     whole = Scenario.create()
     broken = Damage((Fault(fin, word),)).edit(whole)
     before = whole.body[0].tolist()
@@ -41,8 +42,9 @@ def fault_hypothesis(fin: str, word: str) -> Hypothesis:
     angle = broken.fin_angles[0, FINS.index(fin)]
     if word in SERVO_WORDS:
         fixed[SERVO[fin]] = float(speed)
-    shared = (fin,) if speed == 0.0 and np.isfinite(angle) else ()
-    return Hypothesis(name, fixed, shared, part=FIN_WORDS[fin])
+    stands = speed == 0.0 and np.isfinite(angle)
+    moves = {fin: Number.angle(varies=False)} if stands else {}
+    return Hypothesis(name, fixed, moves, part=FIN_WORDS[fin])
 
 
 #: The tail's sweep is symmetric: reversal only shifts its phase.

@@ -270,7 +270,10 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
     known = windows is not None and windows.start is not None
     hypotheses = HYPOTHESES
     if known:
-        hypotheses = tuple(replace(h, shared_angles=()) for h in HYPOTHESES)
+        hypotheses = tuple(
+            replace(h, moves={name: change for name, change in h.moves.items() if name not in FINS})
+            for h in HYPOTHESES
+        )
     return Robot(
         partial(fish_signal, simulator=simulator, windows=windows),
         fish_numbers(windows),

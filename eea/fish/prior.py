@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
 from eea.core.checks import ConfigurationError, choice, real
-from eea.fish.hypotheses import SERVO, fault_hypothesis
+from eea.fish.hypotheses import ANYWHERE, SERVO, fault_hypothesis
 from eea.fish.joint import fish_robot
 from eea.fish.simulator import EngineSimulator
 from eea.fish.windows import LogWindows
@@ -22,12 +22,11 @@ from eea.infer.file import check_posterior
 from eea.infer.goodness import Goodness
 from eea.infer.mixture import Mode
 from eea.infer.robot import Robot
-from eea.infer.statement import Hypothesis, Number, RobotModel, joined
+from eea.infer.statement import Hypothesis, RobotModel, joined
 from eea.infer.unknowns import Unknowns
 
 CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
-ANYWHERE = Number(0.0)
 #: rad/s: a good gyroscope's, at 100 readings a second. Less noise is not counted with, since
 #: simulations are not exact where readings are between their steps.
 LEAST_GYRO_NOISE = 1e-3
@@ -142,7 +141,7 @@ def since(robot: Robot, prior: Answer | Morphology) -> Robot:
         prior = known_body(Morphology.coerce(prior), 1.0, ())
     check_belief("prior", prior, robot)
     best = prior.branches[0]
-    was = Hypothesis(UNCHANGED_NAME, best.hypothesis.fixed, freed=best.hypothesis.freed)
+    was = Hypothesis(UNCHANGED_NAME, best.hypothesis.fixed)
     odds = CHANGE_PROBABILITY / (1.0 - CHANGE_PROBABILITY) / len(_changes(FINS[0]))
     hypotheses = [
         replace(_joined(was, ways), changes=count, odds=odds**count)
@@ -157,17 +156,12 @@ def since(robot: Robot, prior: Answer | Morphology) -> Robot:
 
 def _changes(fin: str) -> list[Hypothesis]:
     """Return the possible changes of a fin, all equally probable."""
-    weak = fault_hypothesis(fin, "weak")
     return [
         Hypothesis(
             f"the {FIN_WORDS[fin]} has other sizes",
             moves={d.name: ANYWHERE for d in DIMENSIONS if d.fin == fin},
         ),
-        replace(
-            weak,
-            name=f"the {SERVO[fin]} has another speed",
-            moves=dict.fromkeys(weak.freed, ANYWHERE),
-        ),
+        replace(fault_hypothesis(fin, "weak"), name=f"the {SERVO[fin]} has another speed"),
         fault_hypothesis(fin, "missing"),
     ]
 
@@ -176,5 +170,4 @@ def _joined(was: Hypothesis, ways: tuple[Hypothesis, ...]) -> Hypothesis:
     """Return several changes of a robot as one hypothesis."""
     found = joined(ways)
     kept = {name: value for name, value in was.fixed.items() if name not in found.moves}
-    freed = dict.fromkeys([*was.freed, *found.freed])
-    return replace(found, fixed={**kept, **found.fixed}, freed=tuple(freed))
+    return replace(found, fixed={**kept, **found.fixed})

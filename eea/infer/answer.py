@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eea.core.angles import Floats
+from eea.core.angles import Floats, wrap
 from eea.core.checks import TargetError, choice, instance, real, whole
 from eea.core.floating import own_errors
 from eea.core.result import handed_on
@@ -142,7 +142,7 @@ class Answer:
 
         The mixture of all hypotheses has "nothing is broken" in it, whose value is a point. This is
         of the hypotheses that move the number; None where none was fitted. One that varies from
-        trial to trial is that of the first.
+        trial to trial is that of the first. An angle's interval may end beyond pi.
         """
         choice("name", name, {n: 0 for h in self.robot.alternatives for n in h.moves})
         real("mass", mass, 0.0, 1.0)
@@ -156,6 +156,9 @@ class Answer:
             return branch.parameters.natural(theta)[:, branch.parameters.first_entry(name)]
 
         drawn = mixed(moved, INTERVAL_SAMPLES, rng, draw)
+        if self.robot.table[name].circular:
+            mean = np.angle(np.exp(1j * drawn).sum())
+            drawn = mean + wrap(drawn - mean)
         ends = [0.5 - mass / 2, 0.5, 0.5 + mass / 2]
         low, middle, high = np.quantile(drawn, ends).tolist()
         return middle, low, high

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,7 @@ from eea.infer.mixture import (
     answers,
     holding,
 )
-from eea.infer.statement import Hypothesis, Prior
+from eea.infer.statement import Hypothesis, Prior, RobotModel
 from eea.infer.unknowns import Unknowns
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
@@ -46,6 +46,26 @@ class Branch:
         theta = self.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))[:, entries]
         covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
         return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)
+
+    def known(self, robot: RobotModel) -> RobotModel:
+        """Return a robot with the hypothesis as a fact, and with what the trials told as its prior.
+
+        ``robot`` is that of the trials, or the same with other numbers of each trial. A number that
+        has changed no longer has its healthy value: the prior tells it.
+        """
+        fixed = self.hypothesis.fixed
+        moved = self.hypothesis.moves
+        numbers = {
+            name: replace(number, healthy=None) if name in moved else number
+            for name, number in robot.numbers.items()
+        }
+        return replace(
+            robot,
+            numbers=numbers,
+            hypotheses=(),
+            nominal=replace(robot.nominal, fixed=fixed, moves={}),
+            prior=self.prior(),
+        )
 
     @property
     def cost(self) -> float:

@@ -72,7 +72,7 @@ def moved_alone(robot: RobotModel) -> dict[str, Hypothesis]:
     for hypothesis in robot.alternatives:
         if len(hypothesis.moves) == 1 and hypothesis.changes == 1:
             (name,) = hypothesis.moves
-            if name not in robot.varying:
+            if not (robot.table[name].varies or robot.table[name].circular):
                 alone.setdefault(name, hypothesis)
     return alone
 

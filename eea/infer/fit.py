@@ -407,7 +407,7 @@ def _check_enough(
                 f"{hypothesis.name}; got {observed.size}"
             )
         for name in hypothesis.moves:
-            if name not in robot.usual:
+            if name not in robot.usual and name not in robot.angles:
                 raise ConfigurationError(
                     f"moves of {hypothesis.name!r} must be of numbers that have a mean, say what "
                     f"is healthy, or were found by learn(); {name} is none of these"

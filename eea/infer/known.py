@@ -181,8 +181,7 @@ class ChangeDetector:
         best = belief.branches[0]
         names = [name for name in robot.names if best.parameters.has(name)]
         groups = {robot.table[name].group for name in names}
-        known = replace(robot, prior=best.prior())
-        self._one = Unknowns.of(known, 1, groups, best.hypothesis)
+        self._one = Unknowns.of(best.known(robot), 1, groups)
 
     @own_errors
     def look(

@@ -698,7 +698,9 @@ def _different(parameters: Unknowns, fitted: Fitted, count: int) -> Fitted:
     A narrow corner may be slightly lower than a wide valley that has nearly all of the probability:
     many descents into the corner must not displace those into the valley.
     """
-    return _best(_unique(parameters, fitted, parameters.body, VALLEY_SIZE_DIFFERENCE), count)
+    return _best(
+        _unique(parameters, fitted, parameters.body or None, VALLEY_SIZE_DIFFERENCE), count
+    )
 
 
 def _unique(

@@ -161,8 +161,10 @@ class Number:
                 "switch",
             ),
             (
-                self.circular and (self.mean, self.sd, self.switch) != (None, math.inf, False),
-                "an angle is uniform over the turn: mean, sd and switch must be left out",
+                self.circular
+                and (self.low, self.high, self.mean, self.sd, self.switch, self.valleys)
+                != (-math.pi, math.pi, None, math.inf, False, 0),
+                "circular must be of an angle that may be any, such as Number.angle()",
             ),
             (
                 bool(self.group) and not self.grouped,
@@ -205,10 +207,17 @@ class Number:
             reach = RANGE_SDS * self.sd
             for change in changes:
                 spread = math.hypot(self.sd, change.sd)
-                reach = max(reach, abs(change.mean or 0.0) + RANGE_SDS * spread)
+                far = abs(change.mean or 0.0) + RANGE_SDS * spread
+                most = max(abs(change.low), abs(change.high)) + RANGE_SDS * self.sd
+                reach = max(reach, min(far, most))
             low = mean - reach if math.isinf(low) else low
             high = mean + reach if math.isinf(high) else high
             if not (math.isfinite(low) and math.isfinite(high)):
+                if math.isfinite(self.sd):
+                    raise ConfigurationError(
+                        f"low and high of {name} must be given, for a hypothesis moves it anywhere "
+                        f"between them; got {self}"
+                    )
                 raise ConfigurationError(f"{name} must have a finite range or sd; got {self}")
             if self.sought:
                 raise ConfigurationError(f"mean of {name} must be given with sd; got {self}")
@@ -226,6 +235,7 @@ class Number:
         return f"Number({', '.join([*shown, *(f'{n}={getattr(self, n)!r}' for n in names)])})"
 
 
+_CHANGE = ("low", "high", "mean", "sd")  # what a number says that is a change
 _PLAIN = {n: one.default for n, one in inspect.signature(Number.__init__).parameters.items()}
 
 
@@ -235,18 +245,18 @@ class Hypothesis:
 
     Examples
     --------
-    >>> Hypothesis("the left servo is dead", {"left servo": 0.0}).shared_angles
-    ()
+    >>> seized = {"tail": Number.angle(varies=False)}  # whose servo stands still
+    >>> Hypothesis("the tail is seized", fixed={"tail servo": 0.0}, moves=seized).odds
+    1.0
     """
 
     name: str  #: A clause, for people.
     #: Values of numbers that it fixes.
     fixed: Mapping[str, float] = field(default_factory=dict)
-    shared_angles: tuple[str, ...] = ()  #: Hidden angles that are the same in all trials.
-    freed: tuple[str, ...] = ()  #: Switches that are inferred.
-    part: str = ""  #: The name of the part that it concerns, if any.
-    #: The numbers that have changed, each by how much; see :class:`Number`.
+    #: The numbers that have changed, each by how much; see :class:`Number`. An angle of each trial
+    #: moves to one in all trials, ``Number.angle(varies=False)``.
     moves: Mapping[str, Number] = field(default_factory=dict)
+    part: str = ""  #: The name of the part that it concerns, if any.
     #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
@@ -262,12 +272,23 @@ class Hypothesis:
             raise ConfigurationError(
                 f"{self.name!r} must fix or move a number, not both; got {both[0]} in both"
             )
-        for name in ("shared_angles", "freed"):
-            object.__setattr__(self, name, all_of(name, getattr(self, name), str))
+        for name, change in self.moves.items():
+            _check_change(f"moves of {name}", change)
         text("part", self.part, empty=True)
         text("hint", self.hint, empty=True)
         whole("changes", self.changes, 0, 1000)
         real("odds", self.odds, 1e-300)
+
+
+def _check_change(argument: str, change: Number) -> None:
+    """Raise a ConfigurationError unless a number says only what a change has."""
+    ends = {} if change.circular else {name: getattr(change, name) for name in _CHANGE}
+    plain = Number.angle(varies=False) if change.circular else Number(**ends)
+    if change != plain:
+        raise ConfigurationError(
+            f"{argument} must be ends, a mean and an sd, or an angle of all trials; got {change}, "
+            f"so state {plain}"
+        )
 
 
 @dataclass(frozen=True)
@@ -337,7 +358,7 @@ def together(hypotheses: Sequence[Hypothesis], most: int) -> Iterator[Hypothesis
     yield from hypotheses
     for count in range(2, most + 1):
         for some in combinations(hypotheses, count):
-            names = [n for one in some for n in {*one.fixed, *one.moves, *one.freed, one.part}]
+            names = [n for one in some for n in {*one.fixed, *one.moves, one.part}]
             names = [name for name in names if name]
             if len(set(names)) == len(names):
                 yield joined(some)
@@ -353,9 +374,7 @@ def joined(several: Sequence[Hypothesis]) -> Hypothesis:
     return Hypothesis(
         " and ".join(one.name for one in several),
         fixed,
-        tuple(name for one in several for name in one.shared_angles),
-        tuple(name for one in several for name in one.freed),
-        moves=moves,
+        moves,
         changes=sum(one.changes for one in several),
         odds=math.prod(one.odds for one in several),
     )
@@ -443,13 +462,11 @@ class RobotModel:
                 choice(f"a number of {part!r}", name, self.sought)
 
     def _check(self, hypothesis: Hypothesis) -> None:
-        switches = [name for name, number in self.table.items() if number.switch]
         ranges = [name for name, number in self.table.items() if not number.circular]
+        movable = [n for n, one in self.table.items() if one.varies or not one.circular]
         for field_name, given, known in (
             ("fixed", hypothesis.fixed, ranges),
-            ("moves", hypothesis.moves, ranges),
-            ("freed", hypothesis.freed, switches),
-            ("shared_angles", hypothesis.shared_angles, self.angles),
+            ("moves", hypothesis.moves, movable),
             ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
         ):
             for name in given:
@@ -460,6 +477,11 @@ class RobotModel:
                 real(f"fixed {name} of {hypothesis.name!r}", value, number.low, number.high)
         for name, change in hypothesis.moves.items():
             number = self.table[name]
+            if change.circular != number.circular:
+                valid = "Number.angle(varies=False)" if number.circular else "Number(0.0, sd=0.1)"
+                raise ConfigurationError(
+                    f"moves of {hypothesis.name!r} must be such as {valid} of {name}; got {change}"
+                )
             low = number.low
             high = number.high
             was = self.usual.get(name)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import TURN, Floats, wrap
+from eea.core.checks import ConfigurationError, brief
 from eea.infer.mixture import Mixture, Mode, log_constant
 from eea.infer.statement import Hypothesis, RobotModel
 
@@ -45,6 +46,7 @@ class Unknowns:
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
     _span: Floats
+    _end: Floats
 
     @classmethod
     def of(
@@ -54,20 +56,28 @@ class Unknowns:
         groups: Collection[str],
         hypothesis: Hypothesis | None = None,
     ) -> Unknowns:
-        """Return the unknowns of a number of trials; numbers outside ``groups`` have their mean."""
+        """Return the unknowns of a number of trials; numbers outside ``groups`` have their mean.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none.
+        """
         hypothesis = robot.nominal if hypothesis is None else hypothesis
         fixed = robot.fixed(hypothesis)
         table = robot.table
+        learned = robot.prior.names if robot.prior is not None else ()
         turning = np.array([number.circular for number in table.values()])
         low = np.array([0.0 if one.circular else one.low for one in table.values()])
-        span = np.array([1.0 if one.circular else one.high - one.low for one in table.values()])
+        high = np.array([1.0 if one.circular else one.high for one in table.values()])
+        span = high - low
         constants = np.zeros(len(table))
         # Entries common to all trials, and entries of each: slot, prior mean and precision.
         shared: list[tuple[int, float, float]] = []
         own: list[tuple[int, float, float]] = []
         for i, (name, number) in enumerate(table.items()):
             if number.circular:
-                all_trials = name in hypothesis.shared_angles or not number.varies
+                all_trials = name in hypothesis.moves or not number.varies
                 (shared if all_trials else own).append((i, 0.0, 0.0))
                 continue
             if name in fixed:
@@ -83,7 +93,11 @@ class Unknowns:
             row = (i, mean, (span[i] / number.sd) ** 2)
             if number.varies:
                 own.append(row)
-            elif name in hypothesis.freed or (number.grouped and number.group in groups):
+            elif (
+                name in hypothesis.moves
+                or (number.switch and name in learned)
+                or (number.grouped and number.group in groups)
+            ):
                 shared.append(row)
         slots = np.full((trials, len(table)), FIXED_SLOT, dtype=np.intp)
         names = robot.names
@@ -93,6 +107,11 @@ class Unknowns:
         count = len(shared) + trials * len(own)
         own_slots = [i for i, _, _ in own]
         slots[:, own_slots] = np.arange(len(shared), count).reshape(trials, len(own))
+        if not count:
+            raise ConfigurationError(
+                f"numbers must have one that is unknown if {hypothesis.name}; got "
+                f"{brief(list(names))}, of the groups {brief(sorted(groups))}"
+            )
         places, means, precisions = zip(*shared, *(own * trials), strict=True)
         entry_slots = np.array(places, dtype=np.intp)
         entry_trials = np.full(count, ALL_TRIALS, dtype=np.intp)
@@ -126,6 +145,7 @@ class Unknowns:
             _constants=constants,
             _offset=low,
             _span=span,
+            _end=high,
         )
 
     def __len__(self) -> int:
@@ -159,18 +179,25 @@ class Unknowns:
 
     def values(self, local: Floats) -> dict[str, Floats]:
         """Return the values (B,) by name, in natural units, of slots (B, W), for a simulator."""
-        natural = self._offset + self._span * local
+        natural = self._natural(local, np.arange(local.shape[-1]))
         return dict(zip(self.robot.names, natural.T, strict=True))
 
     def natural(self, theta: Floats) -> Floats:
         """Return vectors (..., P) in natural units; angles stay rad."""
-        values: Floats = self._offset[self.entry_slots] + self._span[self.entry_slots] * theta
-        return values
+        return self._natural(theta, self.entry_slots)
+
+    def _natural(self, shares: Floats, slots: NDArray[np.intp]) -> Floats:
+        """Return the values (..., n) of slots (n,) in natural units.
+
+        The share 1 is the end of a range to the bit: ``low + (high - low)`` may be beyond it.
+        """
+        inside = self._offset[slots] + self._span[slots] * shares
+        return np.where(shares == 1.0, self._end[slots], inside)
 
     def models(self, theta: Floats) -> Floats:
         """Return the parameters (..., n) of vectors (..., P), in natural units."""
         robot = self.robot
-        found = np.clip(robot.low + robot.span * theta[..., : self.body], robot.low, robot.high)
+        found = np.clip(self.natural(theta)[..., : self.body], robot.low, robot.high)
         fixed = np.flatnonzero(self.slots[0, : self.body] == FIXED_SLOT)
         found[..., fixed] = robot.low[fixed] + robot.span[fixed] * self._constants[fixed]
         return found
@@ -222,9 +249,9 @@ class Unknowns:
         return np.flatnonzero(self.entry_trials == trial)
 
     def freed_entries(self) -> NDArray[np.intp]:
-        """Return which entries are switches that the hypothesis has freed."""
-        switches = np.array([number.switch for number in self.robot.table.values()])
-        return np.flatnonzero(switches[self.entry_slots])
+        """Return which entries beside the sought numbers may be anywhere in their ranges."""
+        flat = self.common & ~self.circular & (self.prior_precision == 0.0)
+        return self.body + np.flatnonzero(flat[self.body :])
 
     def start_slots(self) -> NDArray[np.intp]:
         """Return which slots are a trial's own, except the angles."""
@@ -281,7 +308,8 @@ def _inform(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis) -> None:
     if known is None:
         return
     silent = {*hypothesis.moves, *robot.fixed(hypothesis)}
-    wanted = {robot.names.index(n): k for k, n in enumerate(known.names) if n not in silent}
+    slots = {name: i for i, name in enumerate(robot.names) if name not in silent}
+    wanted = {slots[name]: k for k, name in enumerate(known.names) if name in slots}
     for trial in np.unique(prior.trials):
         here = [i for i in np.flatnonzero(prior.trials == trial) if prior.slots[i] in wanted]
         which = [wanted[prior.slots[i]] for i in here]
@@ -298,6 +326,8 @@ def _move(prior: _Prior, robot: RobotModel, hypothesis: Hypothesis) -> None:
     of what was known.
     """
     for name, change in hypothesis.moves.items():
+        if change.circular:
+            continue
         entries = np.flatnonzero(prior.slots == robot.names.index(name))
         low = robot.table[name].low
         high = robot.table[name].high

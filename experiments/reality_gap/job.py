@@ -187,7 +187,7 @@ def _true_hypotheses(job: GapJob) -> list[str]:
         hypothesis.name
         for hypothesis in HYPOTHESES
         if any(hypothesis.fixed.get(name) == sizes[name] for name in missing)
-        or any(hypothesis.shared_angles == (fault.part,) for fault in job.seized.faults)
+        or any(fault.part in hypothesis.moves for fault in job.seized.faults)
         or (job.gap.reactive and "reactive water" in hypothesis.fixed)
     ]
     return true or [AS_COMMANDED.name]

@@ -195,14 +195,13 @@ ROWS = [
     Call(
         Hypothesis,
         {
-            "name": "the servo is dead", "fixed": {"servo": 0.0}, "shared_angles": ("angle",),
-            "freed": (), "part": "tail", "moves": {"length": Number(0.0, sd=1.0)}, "changes": 1,
-            "odds": 1.0, "hint": "swim",
+            "name": "the servo is dead", "fixed": {"servo": 0.0},
+            "moves": {"length": Number(0.0, sd=1.0), "angle": Number.angle(varies=False)},
+            "part": "tail", "changes": 1, "odds": 1.0, "hint": "swim",
         },
         options(
             name="text", fixed="mapping, empty mapping", part="text, empty text",
-            odds="fraction, big", shared_angles=NAMES, freed=NAMES, moves="empty mapping",
-            hint="text, empty text",
+            odds="fraction, big", moves="empty mapping", hint="text, empty text",
         ),
     ),
     Call(

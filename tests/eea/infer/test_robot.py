@@ -107,7 +107,7 @@ def test_a_wrong_statement_is_refused(changes, message):
         (lambda: Number(0.0, 1.0, healthy=0.5, varies=True), "healthy must be of a number that"),
         (lambda: Number(0.0, 1.0, switch=True), "mean must be given with switch"),
         (lambda: Number(0.0, 1.0, group="water"), "group must be of a number with sd that all"),
-        (lambda: Number(-3.0, 3.0, mean=0.0, sd=1.0, circular=True), "an angle is uniform over"),
+        (lambda: Number(-3.0, 3.0, circular=True), "circular must be of an angle that may be any"),
         (lambda: Number(0.0, sd=0.0), "sd must be"),
         (lambda: Number(0.0, 1.0, unit=3), "unit must be"),
         (lambda: Number("a", 1.0), "low must be"),
