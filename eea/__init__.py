@@ -19,6 +19,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "infer.robot": ["Robot"],
         "infer.statement": ["Hypothesis", "Number"],
         "infer.trials": ["Trial"],
+        "logs.trials": ["read_trials"],
         "study.arms": ["FIGURES", "figure_config"],
     },
 )

@@ -60,7 +60,9 @@ QUANTITIES = {
         )
         for servo in SERVOS
     },
-    TRIAL_COLUMN: Quantity((TRIAL_COLUMN,), {}, optional=True, advice=": number the trials"),
+    TRIAL_COLUMN: Quantity(
+        (TRIAL_COLUMN,), {}, optional=True, with_sensor=True, advice=": number the trials"
+    ),
 }
 
 

@@ -17,7 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, all_of, as_array, brief, masked, real_numbers
+from eea.core.checks import (
+    ConfigurationError,
+    all_of,
+    as_array,
+    brief,
+    masked,
+    real_numbers,
+    text,
+)
 from eea.core.floating import callers_errors
 from eea.infer.statement import RobotModel, Values
 
@@ -139,8 +147,11 @@ class Trial:
     signal: ArrayLike  #: (T, channels), in the channels' units; NaN where a sample is missing.
     #: What the simulator takes of the trial: a command, a series of them, or other numbers.
     inputs: ArrayLike | None = None
+    remarks: Sequence[str] = ()  #: Sentences on how the samples were made of a recorder's rows.
 
     def __post_init__(self) -> None:
+        for remark in self.remarks:
+            text("remarks", remark)
         signal = real_numbers("signal", self.signal)
         if signal.ndim != 2 or not np.isfinite(signal).any():
             raise ConfigurationError(

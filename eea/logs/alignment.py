@@ -1,12 +1,16 @@
-"""Columns of a log's streams on one clock.
+"""Quantities of a log on one clock.
 
-Rows are those of one stream, the sensor. What another stream commands is held from each of its rows
-to the next, and averaged over the time from a sensor's row to the next. Nothing is matched by row.
+A quantity has the rows of its stream in which its cells are not empty. Of several rates in a table
+that was merged by time, each quantity thus has its own rows, as in a file of streams. What another
+quantity commands is held from each of its rows to the next, and averaged over the time from a
+sensor's row to the next. Nothing is matched by row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +21,7 @@ from eea.core.angles import Floats
 from eea.logs.cells import TIME_UNITS
 from eea.logs.columns import (
     TIME,
+    TRIAL,
     Quantity,
     Term,
     found_columns,
@@ -25,13 +30,132 @@ from eea.logs.columns import (
     time_unit,
     unit_size,
 )
+from eea.logs.guesses import TIME_COLUMN, usual_tick
 from eea.logs.streams import Recording, Stream
 
 RECORDER_CLOCK = "log_time"
 ROUNDED_DIGITS = 3  # of a time in s that is given or shown
 CLOCKS_AGREE_SECONDS = 0.05  # between the delays of streams from their stamp to the recorder
+#: Share of a stream's rows, and number, on either side of the moment at which its clock was set.
+SET_SHARE = 0.05
+SET_ROWS = 5
 #: A command's stream has a hole if it is silent for more of its usual steps than this.
 SILENT_STEPS = 3.0
+MOST_TRIALS = 1000
+
+
+class Series(NamedTuple):
+    """A quantity at the rows that have it, T of them."""
+
+    label: str  #: The stream, or the columns of a table.
+    stream: Stream
+    rows: NDArray[np.intp]  #: (T,), of the stream.
+    time: Floats  #: (T,), s.
+    values: Floats  #: (T, columns), in the quantity's first unit.
+
+    @property
+    def usual_step(self) -> float:
+        """The median time between two rows, s; infinite for one row."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
+
+    def only(self, kept: NDArray[np.bool_]) -> Series:
+        """Return some of the rows (T,)."""
+        return self._replace(rows=self.rows[kept], time=self.time[kept], values=self.values[kept])
+
+
+def locate(
+    recording: Recording, quantities: Mapping[str, Quantity], columns: Mapping[str, str]
+) -> tuple[dict[str, Series], list[str]]:
+    """Return the quantities of a log on one clock, and sentences on the clock.
+
+    Parameters
+    ----------
+    recording
+        The streams.
+    quantities
+        What is wanted; the first is the sensor's.
+    columns
+        Quantity or ``time``, or one of them with ``:UNIT`` -> columns, joined by commas; each is
+        ``NAME``, ``-NAME``, or ``FACTOR*NAME+OFFSET``. Quantities that are left out have the
+        columns of their own names.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a column is missing, in another unit, without numbers or on another clock. The message
+        says what to do.
+    """
+    named = named_columns(columns, [TIME, *quantities])
+    if TIME not in named and not any(stream.clocks for stream in recording.streams):
+        found_term(recording, TIME, TIME, False)
+    terms: dict[str, list[Term]] = {}
+    units: dict[str, str | None] = {}
+    for name, quantity in quantities.items():
+        unit, texts = named.get(name, (None, quantity.columns))
+        if name not in named and quantity.optional and not found_columns(recording, texts[0]):
+            continue
+        if len(texts) != len(quantity.columns):
+            count = len(quantity.columns)
+            wanted = "one column" if count == 1 else f"{count} columns, joined by commas"
+            raise InvalidArgumentError(f"{name} must have {wanted}; got {brief(','.join(texts))}")
+        terms[name] = [found_term(recording, name, text, name in named) for text in texts]
+        units[name] = unit
+        if any(term.stream is not terms[name][0].stream for term in terms[name]):
+            raise _of_streams(name, terms[name][0].stream, terms[name])
+    sensor = terms[next(iter(quantities))][0].stream
+    for name, each in terms.items():
+        if quantities[name].with_sensor and each[0].stream is not sensor:
+            raise _of_streams(name, sensor, each)
+    streams = {term.stream.name: term.stream for each in terms.values() for term in each}
+    times, remarks = _times(recording, sensor, list(streams.values()), named.get(TIME))
+    found = {}
+    for name, each in terms.items():
+        values = unit_size(name, quantities[name], units[name], each) * np.stack(
+            [term.values(quantities[name].advice) for term in each], axis=1
+        )
+        stream = each[0].stream
+        time = times[stream.name]
+        if not len(time):
+            raise InvalidArgumentError(
+                f"{TIME} must have at least one row; {stream.name or 'it'} has none"
+            )
+        there = ~np.isnan(values).any(axis=1) & np.isfinite(time)
+        label = stream.name or ", ".join(dict.fromkeys(term.column for term in each))
+        if not there.any():
+            raise InvalidArgumentError(f"{name} must have a row with a time and all of {label}")
+        found[name] = Series(label, stream, np.flatnonzero(there), time[there], values[there])
+    return found, remarks
+
+
+def _of_streams(name: str, stream: Stream, terms: list[Term]) -> InvalidArgumentError:
+    return InvalidArgumentError(
+        f"the columns of {name} must be of one stream, {stream.name}, since each stream has its "
+        f"own times; got {brief(', '.join(term.stream.full_name(term.column) for term in terms))}"
+    )
+
+
+def by_trial(recording: Recording, column: str | None) -> Iterator[Recording]:
+    """Yield the rows of each trial of a table; its time may begin again in each.
+
+    A file of streams, or without such a ``column`` of numbers, is one trial.
+    """
+    found = found_columns(recording, column) if column else []
+    if len(recording.streams) == len(found) == 1 and not found[0][0].clocks:
+        stream, name = found[0]
+        cells = stream.columns[name]
+        if cells.dtype != object:
+            edges = np.flatnonzero(np.diff(cells)) + 1
+            if len(edges) >= MOST_TRIALS:
+                raise InvalidArgumentError(
+                    f"{TRIAL} must have the rows of each trial in one block, and at most "
+                    f"{MOST_TRIALS} trials; {name} changes {len(edges)} times"
+                )
+            for begin, end in pairwise([0, *edges.tolist(), len(cells)]):
+                rows = slice(begin, end)
+                own = {each: values[rows] for each, values in stream.columns.items()}
+                yield replace(recording, streams=[replace(stream, columns=own)])
+            return
+    yield recording
 
 
 class Aligned(NamedTuple):
@@ -51,16 +175,12 @@ def align(
 ) -> Aligned:
     """Return the quantities of a log at the rows of the first one that is not held.
 
+    A table is read trial by trial, by the quantity ``trial``.
+
     Parameters
     ----------
-    recording
-        The streams.
-    quantities
-        What is wanted; the first is the sensor's.
-    columns
-        Quantity or ``time``, or one of them with ``:UNIT`` -> columns, joined by commas; each is
-        ``NAME``, ``-NAME``, or ``FACTOR*NAME+OFFSET``. Quantities that are left out have the
-        columns of their own names.
+    recording, quantities, columns
+        See :func:`locate`.
     between
         The part to take, s after the sensor's first row; None for all.
     longest_gap
@@ -69,78 +189,86 @@ def align(
     Raises
     ------
     InvalidArgumentError
-        If a column is missing, in another unit, without numbers or on another clock, or a stream
-        has a hole or goes back in time. The message says what to do.
+        As :func:`locate`, or if a stream has a hole or goes back in time. The message says what to
+        do.
     """
-    named = named_columns(columns, [TIME, *quantities])
-    if TIME not in named and not any(stream.clocks for stream in recording.streams):
-        found_term(recording, TIME, TIME, False)
-    terms: dict[str, list[Term]] = {}
-    units: dict[str, str | None] = {}
-    for name, quantity in quantities.items():
-        unit, texts = named.get(name, (None, quantity.columns))
-        if name not in named and quantity.optional and not found_columns(recording, texts[0]):
-            continue
-        if len(texts) != len(quantity.columns):
-            raise InvalidArgumentError(
-                f"map: {name} must have {len(quantity.columns)} columns, joined by commas; got "
-                f"{brief(','.join(texts))}"
-            )
-        terms[name] = [found_term(recording, name, text, name in named) for text in texts]
-        units[name] = unit
-    sensor = terms[next(iter(quantities))][0].stream
-    for name, each in terms.items():
-        if not quantities[name].held and any(term.stream is not sensor for term in each):
-            raise InvalidArgumentError(
-                f"map: the columns of {name} must be of one stream, {sensor.name}, since each "
-                "stream has its own times; got "
-                f"{brief(', '.join(term.stream.full_name(term.column) for term in each))}"
-            )
-    streams = {term.stream.name: term.stream for each in terms.values() for term in each}
-    times, remarks = _times(recording, sensor, list(streams.values()), named.get(TIME))
-    values = {
-        name: unit_size(name, quantities[name], units[name], each)
-        * np.stack([term.values(quantities[name].advice) for term in each], axis=1)
-        for name, each in terms.items()
-    }
-    time = times[sensor.name]
-    if not len(time):
-        raise InvalidArgumentError(
-            f"{TIME} must have at least one row; {sensor.name or 'it'} has none"
+    trial = TRIAL if TRIAL in quantities else None
+    parts = [
+        _aligned(part, quantities, columns, between, longest_gap)
+        for part in by_trial(recording, columns.get(TRIAL, trial))
+    ]
+    names = parts[0].values
+    return Aligned(
+        np.concatenate([part.time for part in parts]),
+        {name: np.concatenate([part.values[name] for part in parts]) for name in names},
+        list(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+    )
+
+
+def _aligned(
+    recording: Recording,
+    quantities: Mapping[str, Quantity],
+    columns: Mapping[str, str],
+    between: tuple[float, float] | None,
+    longest_gap: float,
+) -> Aligned:
+    series, remarks = locate(recording, quantities, columns)
+    sensor = series[next(iter(quantities))]
+    stream = sensor.stream
+    mapped = any(name.partition(":")[0] == TIME for name in columns)
+    if stream.clocks or mapped:  # times since 1970, or since the computer's start
+        begin = float(sensor.time[0])
+        series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
+        sensor = series[next(iter(quantities))]
+    time = sensor.time
+    if len(time) < len(stream):
+        remarks.append(
+            f"{len(time)} of {len(stream)} rows of {stream.name or 'the table'} have "
+            f"{', '.join(quantities[next(iter(quantities))].columns)}: the others are of other "
+            "rates, or lack a reading"
         )
     kept = np.ones(len(time), dtype=np.bool_)
-    if sensor.clocks or TIME in named:  # times since 1970, or since the computer's start
-        time = time - time[0]
-        times = {name: each - times[sensor.name][0] for name, each in times.items()}
     if between is not None:
-        begin, end = between
         since = (time - time[0]).round(ROUNDED_DIGITS)
-        kept &= (since >= begin) & (since <= end)
+        kept &= (since >= between[0]) & (since <= between[1])
         if not kept.any():
             raise InvalidArgumentError(
-                f"between must have rows of {sensor.name or 'the log'}, which lasts "
+                f"between must have rows of {stream.name or 'the log'}, which lasts "
                 f"{_short(float(np.ptp(time)))} s; got {between[0]:g} to {between[1]:g}"
             )
-    for name, stream in streams.items():
-        if stream is not sensor and kept.any():
-            kept &= _known(stream, times[name], time, kept, longest_gap, remarks)
+    direct = {
+        name: np.isin(sensor.rows, one.rows).all() if one.stream is stream else False
+        for name, one in series.items()
+    }
+    seen: set[bytes] = set()
+    for name, one in series.items():
+        key = one.stream.name.encode() + one.rows.tobytes()
+        if not direct[name] and key not in seen and kept.any():
+            seen.add(key)
+            kept &= _known(one, time, kept, longest_gap, remarks)
     if not kept.any():
+        labels = ", ".join(dict.fromkeys(one.label for one in series.values()))
         raise InvalidArgumentError(
-            f"the streams {', '.join(streams)} must overlap in time; no row of {sensor.name} has "
-            "a command: do their clocks differ?"
+            f"the streams {labels} must overlap in time; no row of {sensor.label} has a command: "
+            "do their clocks differ?"
         )
-    if sensor.clocks:
+    values = {
+        name: one.values[np.searchsorted(one.rows, sensor.rows)]
+        for name, one in series.items()
+        if direct[name]
+    }
+    if stream.clocks:
         own = np.column_stack([time, *(v for n, v in values.items() if not quantities[n].held)])
         copies = np.append(False, (own[1:] == own[:-1]).all(axis=1)) & kept
         if copies.any():
-            remarks.append(f"{copies.sum()} rows of {sensor.name} were written twice: one is used")
+            remarks.append(f"{copies.sum()} rows of {stream.name} were written twice: one is used")
             kept &= ~copies
-        _refuse_holes(sensor.name, time[kept], longest_gap)
-    for name, each in terms.items():
-        if each[0].stream is sensor:
+        refuse_holes(sensor, time[kept], longest_gap)
+    for name, one in series.items():
+        if direct[name]:
             values[name] = values[name][kept]
         else:
-            values[name] = held_means(time[kept], times[each[0].stream.name], values[name])
+            values[name] = held_means(time[kept], one.time, one.values)
     return Aligned(time[kept], values, remarks)
 
 
@@ -185,32 +313,31 @@ def _times(
     """Return the times of each stream, s, on one clock."""
     unit, texts = given or (None, [])
     if len(texts) > 1:
-        raise InvalidArgumentError(f"map: time must be one column; got {brief(','.join(texts))}")
+        raise InvalidArgumentError(f"time must be one column; got {brief(','.join(texts))}")
     if unit is not None and time_unit(unit) is None:
-        one_of("map: the unit of time", unit, TIME_UNITS)
+        one_of("the unit of time", unit, TIME_UNITS)
     if texts:
         found = found_columns(recording, texts[0])
         if not found:
             found_term(recording, TIME, texts[0], True)  # names the nearest column
-            raise InvalidArgumentError(f"map: time must be a column; got {brief(texts[0])}")
+            raise InvalidArgumentError(f"time must be a column; got {brief(texts[0])}")
         if len(found) == 1 and found[0][0].name not in (stream.name for stream in streams):
             used = ", ".join(stream.name for stream in streams)
             raise InvalidArgumentError(
-                f"map: time must be a column of {used}, which are used; got {brief(texts[0])}"
+                f"time must be a column of {used}, which are used; got {brief(texts[0])}"
             )
         clock = found[0][1]
         lacking = [stream.name for stream in streams if clock not in stream.columns]
         if lacking:
             raise InvalidArgumentError(
-                f"map: time must be a column of each stream that is used; {lacking[0]} has no "
-                f"{clock}"
+                f"time must be a column of each stream that is used; {lacking[0]} has no {clock}"
             )
     elif sensor.clocks:
         common = [one for one in sensor.clocks if all(one in each.clocks for each in streams)]
         if not common:
             raise InvalidArgumentError(
                 f"the streams {', '.join(each.name for each in streams)} must have a clock in "
-                "common, which --map time=COLUMN names"
+                "common, which time=COLUMN names"
             )
         clock = common[0]
     else:
@@ -220,58 +347,83 @@ def _times(
         tick = stream.clocks.get(clock, time_unit(stream.units.get(clock, "")))
         given_tick = time_unit(unit or "")
         if unit is not None and tick not in (None, given_tick):
-            raise InvalidArgumentError(f"map: {clock} is in ticks of {tick:g} s; got {unit}")
+            raise InvalidArgumentError(f"{clock} is in ticks of {tick:g} s; got {unit}")
         times[stream.name] = stream.numbers(clock) * (tick or given_tick or 1.0)
     remarks = []
     if len(streams) > 1 or len(sensor.clocks) > 1:
         remarks.append(f"the times are those of {clock}")
     if clock != RECORDER_CLOCK and all(RECORDER_CLOCK in each.columns for each in streams):
+        for each in streams:
+            _refuse_set_clock(each, clock, times[each.name])
         late = [
-            float(np.median(each.numbers(RECORDER_CLOCK) - times[each.name])) for each in streams
+            float(np.nanmedian(each.numbers(RECORDER_CLOCK) - times[each.name])) for each in streams
         ]
         if max(late) - min(late) > CLOCKS_AGREE_SECONDS:
             raise InvalidArgumentError(
                 f"the {clock} of {', '.join(times)} are of clocks that are "
-                f"{_short(max(late) - min(late))} s apart; take the recorder's: --map "
+                f"{_short(max(late) - min(late))} s apart; take the recorder's: "
                 f"time={RECORDER_CLOCK}"
             )
     return times, remarks
 
 
+def _refuse_set_clock(stream: Stream, clock: str, time: Floats) -> None:
+    """Raise InvalidArgumentError if a stream's clock was set while the recorder's ran on.
+
+    The shortest delay from a stamp to the recorder is then another from some row on. A delay may be
+    long where a message had to wait, so neither the mean nor a single one tells.
+    """
+    late = stream.numbers(RECORDER_CLOCK) - time
+    edge = max(SET_ROWS, int(SET_SHARE * len(late)))
+    if len(late) < 2 * edge:
+        return
+    before = np.fmin.accumulate(late)[edge - 1 : len(late) - edge]
+    after = np.fmin.accumulate(late[::-1])[::-1][edge : len(late) - edge + 1]
+    apart = np.abs(before - after)
+    if not apart.max() > CLOCKS_AGREE_SECONDS:
+        return
+    far = edge + np.flatnonzero(apart > 0.5 * apart.max())
+    later = before[apart.argmax()] < after[apart.argmax()]
+    row = int(far[0] if later else far[-1])
+    moved = late[row - edge : row].min() - late[row : row + edge].min()
+    if abs(moved) > CLOCKS_AGREE_SECONDS:  # otherwise it runs at another pace, a little
+        raise InvalidArgumentError(
+            f"the {clock} of {stream.name} was set while recording: at row {row + 1} it goes "
+            f"{_short(abs(float(moved)))} s {'ahead' if moved > 0.0 else 'back'} of "
+            f"{RECORDER_CLOCK}; take the recorder's: time={RECORDER_CLOCK}"
+        )
+
+
 def _known(
-    stream: Stream,
-    time: Floats,
+    one: Series,
     at: Floats,
     kept: NDArray[np.bool_],
     longest_gap: float,
     remarks: list[str],
 ) -> NDArray[np.bool_]:
-    """Return at which times (T,) a stream's commands are known, and say how they are used."""
-    if not len(time):
-        raise InvalidArgumentError(f"{stream.name} must have rows; it has none")
-    usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    """Return at which times (T,) a series of commands is known, and say how it is used."""
+    time = one.time
+    usual = one.usual_step
     longest = max(SILENT_STEPS * usual, longest_gap)
     inside = time[(time >= at[kept][0] - longest) & (time <= at[kept][-1])]
-    _refuse_holes(stream.name, inside, longest)
+    refuse_holes(one, inside, longest)
     early = kept & (at < time[0])
     late = kept & (at > time[-1] + longest)
     for where, word in ((early, "first"), (late, "last")):
         if where.any():
             seconds = _short(float(np.ptp(at[where])))
-            remarks.append(
-                f"the {word} {seconds} s have no row of {stream.name}: they are left out"
-            )
+            remarks.append(f"the {word} {seconds} s have no row of {one.label}: they are left out")
     rate = f"{1.0 / usual:.3g} rows a second" if np.isfinite(usual) and usual else "one row"
     remarks.append(
-        f"{stream.name} has {rate}: its commands are held until its next row, and averaged from a "
+        f"{one.label} has {rate}: its commands are held until its next row, and averaged from a "
         "reading to the next"
     )
     known: NDArray[np.bool_] = ~early & ~late
     return known
 
 
-def _refuse_holes(name: str, time: Floats, longest: float) -> None:
-    """Raise InvalidArgumentError for the first hole in a stream's times, or step back."""
+def refuse_holes(one: Series, time: Floats, longest: float) -> None:
+    """Raise InvalidArgumentError for the first hole in a series' times, s, or step back."""
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0.0)
     holes = np.flatnonzero(steps > longest + 1e-9)
@@ -281,16 +433,35 @@ def _refuse_holes(name: str, time: Floats, longest: float) -> None:
     first = _short(float(time[row]))
     last = _short(float(time[row + 1]))
     begin = _short(float(time[0]))
+    other = _steady_clock(one.stream, longest)
+    hint = f"; or take {other}, which runs on: time={other}" if other else ""
     if steps[row] > 0.0:
         end = _short(float(time[-1]))
         raise InvalidArgumentError(
-            f"{name} must have no hole of more than {longest:.3g} s; it has none of its rows from "
-            f"{first} to {last} s: take a part, --between {begin} {first} or --between {last} {end}"
+            f"{one.label} must have no hole of more than {longest:.3g} s; it has none of its rows "
+            f"from {first} to {last} s: take a part, between {begin} and {first} or between {last} "
+            f"and {end}{hint}"
         )
     raise InvalidArgumentError(
-        f"{name} must not go back in time; it goes from {first} to {last} s, as after a restart: "
-        f"take the part before, --between {begin} {first}"
+        f"{one.label} must not go back in time; it goes from {first} to {last} s, as after a "
+        f"restart: take the part before, between {begin} and {first}{hint}"
     )
+
+
+def _steady_clock(stream: Stream, longest: float) -> str | None:
+    """Return a column of times without a step back or a hole, if a stream has one.
+
+    The clock that has a hole is none of them.
+    """
+    for name, cells in stream.columns.items():
+        tick = stream.clocks.get(name)
+        if tick is None and TIME_COLUMN.search(name) and cells.dtype != object:
+            tick = usual_tick(stream, name)
+        if tick is not None and len(cells) > 1:
+            steps = np.diff(cells) * tick
+            if (steps >= 0.0).all() and steps.max() <= longest:
+                return name
+    return None
 
 
 def _short(seconds: float) -> str:

@@ -19,6 +19,7 @@ NUMBER = r"\d*\.?\d+(?:[eE][+-]?\d+)?"
 TERM = re.compile(rf"(?P<sign>-?)\s*(?:(?P<factor>{NUMBER})\s*\*)?\s*(?P<name>.+)")
 OFFSET = re.compile(rf"(?P<name>.+?)\s*(?P<offset>[+-]\s*{NUMBER})")
 TIME = "time"
+TRIAL = "trial"
 
 
 def time_unit(unit: str) -> float | None:
@@ -30,7 +31,7 @@ def time_unit(unit: str) -> float | None:
     (0.001, 0.0001, None)
     """
     found = re.fullmatch(r"(\d*) ?(s|ms|us|ns)", unit)
-    return int(found[1] or 1) * TIME_UNITS[found[2]] if found else None
+    return round(int(found[1] or 1) * TIME_UNITS[found[2]], 12) if found else None
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Quantity:
     units: Mapping[str, float]  #: Unit -> its size in the first unit.
     held: bool = False  #: Whether a row's value holds until the next, as a command does.
     optional: bool = False
+    with_sensor: bool = False  #: Whether its stream must be that of the first quantity.
     advice: str = ""  #: What to do where a cell is no number.
 
 
@@ -75,7 +77,7 @@ def named_columns(
             raise InvalidArgumentError(f"map must name {name} once; got it twice")
         parts = [part.strip() for part in text.split(",")]
         if not all(parts):
-            raise InvalidArgumentError(f"map: {name} must have columns; got {brief(text)}")
+            raise InvalidArgumentError(f"{name} must have columns; got {brief(text)}")
         found[name] = (unit or None, parts)
     return found
 
@@ -107,9 +109,7 @@ def found_term(recording: Recording, quantity: str, text: str, mapped: bool) -> 
         found = found_columns(recording, name)
     if len(found) > 1:
         places = ", ".join(stream.full_name(column) for stream, column in found)
-        raise InvalidArgumentError(
-            f"map: {quantity} must name one column; {name} is {brief(places)}"
-        )
+        raise InvalidArgumentError(f"{quantity} must name one column; {name} is {brief(places)}")
     if not found:
         names = [one.full_name(column) for one in recording.streams for column in one.columns]
         if not mapped:
@@ -118,7 +118,7 @@ def found_term(recording: Recording, quantity: str, text: str, mapped: bool) -> 
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise InvalidArgumentError(
-            f"map: {quantity} must be a column of the log, as `aquafish logs` lists them; got "
+            f"{quantity} must be a column of the log, as `aquafish logs` lists them; got "
             f"{brief(name)}{hint}"
         )
     factor = float(whole["factor"] or 1.0) if whole else 1.0
@@ -128,7 +128,7 @@ def found_term(recording: Recording, quantity: str, text: str, mapped: bool) -> 
 def unit_size(name: str, quantity: Quantity, unit: str | None, terms: list[Term]) -> float:
     """Return the size of the columns' unit, which the map or the file states."""
     if unit is not None:
-        one_of(f"map: the unit of {name}", unit, quantity.units or ["none"])
+        one_of(f"the unit of {name}", unit, quantity.units or ["none"])
     for term in terms:
         stated = term.stream.units.get(term.column) or unit
         converts = abs(term.factor) != 1.0 or term.offset != 0.0
@@ -137,12 +137,12 @@ def unit_size(name: str, quantity: Quantity, unit: str | None, terms: list[Term]
         column = term.stream.full_name(term.column)
         if stated not in quantity.units:
             raise InvalidArgumentError(
-                f"map: {name} must be in {' or '.join(quantity.units)}; the file says that "
+                f"{name} must be in {' or '.join(quantity.units)}; the file says that "
                 f"{column} is in {stated}: convert it, as in {name}=0.5*{column}-1"
             )
         if unit not in (None, stated):
             raise InvalidArgumentError(
-                f"map: {name} must be in {stated}, by which the file states {column}; got {unit}"
+                f"{name} must be in {stated}, by which the file states {column}; got {unit}"
             )
         unit = stated
     return quantity.units[unit] if unit else 1.0

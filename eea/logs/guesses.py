@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.logs.cells import TIME_UNITS, without_unit
 from eea.logs.columns import time_unit
 from eea.logs.streams import Recording, Stream
@@ -119,23 +120,17 @@ def time_column(stream: Stream) -> tuple[str, float, str] | None:
     for clock, tick in stream.clocks.items():
         return clock, tick, "by the format"
     for name, cells in stream.columns.items():
-        if not TIME_COLUMN.search(without_unit(name)) or cells.dtype == object or len(cells) < 2:
+        if not TIME_COLUMN.search(without_unit(name)) or cells.dtype == object:
             continue
-        steps = np.diff(cells)
-        usual = float(np.median(steps))
-        if usual <= 0.0 or not np.isfinite(cells).all():
-            continue
+        there = cells[np.isfinite(cells)]
+        if len(there) < max(2, len(cells) - 1) or not np.median(np.diff(there)) > 0.0:
+            continue  # a last row may be cut
         stated = stream.units.get(name, "")
         known = time_unit(stated)
         if known:
             return name, known, f"in {stated}"
-        whole = bool((cells == np.round(cells)).all())
-        least, most = USUAL_STEPS
-        possible = [
-            unit
-            for unit, tick in TICKS.items()
-            if least <= usual * tick <= most and (whole or unit in TIME_UNITS)
-        ]
+        usual = float(np.median(np.diff(there)))
+        possible = possible_units(there)
         if possible:
             reason = f"in {possible[0]}, by its usual step of {usual:.3g}"
             for unit in possible[1:]:
@@ -144,3 +139,26 @@ def time_column(stream: Stream) -> tuple[str, float, str] | None:
                 )
             return name, TICKS[possible[0]], reason
     return None
+
+
+def possible_units(times: Floats, longest: float = USUAL_STEPS[1]) -> list[str]:
+    """Return the units of time in which a column's usual step is 0.5 ms to ``longest`` s.
+
+    Only whole numbers may be in ticks that are no unit of their own.
+    """
+    usual = float(np.median(np.diff(times)))
+    whole = bool((times == np.round(times)).all())
+    return [
+        unit
+        for unit, tick in TICKS.items()
+        if USUAL_STEPS[0] <= usual * tick <= longest and (whole or unit in TIME_UNITS)
+    ]
+
+
+def usual_tick(stream: Stream, name: str) -> float | None:
+    """Return the s per tick of a column, which its unit or its usual step tells; None otherwise."""
+    cells = stream.numbers(name)
+    if known := time_unit(stream.units.get(name, "")):
+        return known
+    possible = possible_units(cells) if len(cells) > 1 else []
+    return TICKS[possible[0]] if possible else None

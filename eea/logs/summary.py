@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aquafish_gym.utils.validation import one_of
 from eea.core.angles import Floats
@@ -14,6 +16,9 @@ from eea.logs.streams import Recording, Stream
 HOLE_STEPS = 3.0  # usual steps between two rows, in a hole
 FEWEST_STEADY = 0.5  # share of a stream's steps that are near the usual one, if it has a rate
 OTHER_CLOCK_SECONDS = 600.0  # a stream that begins so much earlier than most has another clock
+#: Columns of a table have a rate of their own if at most this share of its rows has them.
+MERGED_SHARE = 0.9
+MOST_MERGED = 20  # rates; in a table with more, cells are missing at random
 MOST_COMMANDS = 12  # names in the line of commands
 FRAME_WORDS = {
     "FRD": "; x forward, y right, z down by convention",
@@ -58,6 +63,10 @@ def _overview(recording: Recording) -> list[str]:
             rows.append([name, str(len(stream)), *["?"] * 7, "no column of times"])
         else:
             rows.append([name, str(len(stream)), *_rate(time, began), clock[0]])
+            for names, there in merged_rates(stream):
+                shown = ", ".join(names[:2]) + (", ..." if len(names) > 2 else "")
+                part = f"  {len(names)} columns: {shown}"
+                rows.append([part, str(there.sum()), *_rate(time[there], began), clock[0]])
     lines = _table(rows)
     for stream, clock in zip(recording.streams, clocks, strict=True):
         if clock is not None and not stream.clocks:
@@ -69,6 +78,30 @@ def _overview(recording: Recording) -> list[str]:
                 f"{np.median(delays):.3g} s later ({delays.min():.3g} to {delays.max():.3g})"
             )
     return lines
+
+
+def merged_rates(stream: Stream) -> list[tuple[list[str], NDArray[np.bool_]]]:
+    """Return the columns of a table that are empty in the same rows, and where they are not.
+
+    They are a stream of their own, as of another rate, if many rows lack them.
+    """
+    if stream.clocks:
+        return []
+    groups: dict[bytes, tuple[list[str], NDArray[np.bool_]]] = {}
+    for name, cells in stream.columns.items():
+        there = _there(cells)
+        if 1 < there.sum() <= MERGED_SHARE * len(there):
+            groups.setdefault(np.packbits(there).tobytes(), ([], there))[0].append(name)
+            if len(groups) > MOST_MERGED:
+                return []
+    return list(groups.values())
+
+
+def _there(cells: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return where a column has a cell that is not empty."""
+    if cells.dtype != object:
+        return np.asarray(~np.isnan(cells), np.bool_)
+    return np.array([cell is not None and str(cell).strip() != "" for cell in cells], np.bool_)
 
 
 def _delays(stream: Stream) -> Floats | None:

@@ -20,8 +20,9 @@ import pytest
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
 from eea import read_log
 from eea.__main__ import main
-from eea.logs.alignment import held_means
+from eea.logs.alignment import align, held_means
 from eea.logs.child import PROGRAM
+from eea.logs.columns import Quantity
 from eea.logs.guesses import gyroscopes, time_column
 from eea.logs.streams import Recording, Stream
 from eea.logs.summary import summary
@@ -208,6 +209,74 @@ def test_streams_of_two_clocks_are_refused(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.commands, COMMANDS, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("stamp", "said"),
+    [
+        (lambda t: 0.0 if t < 0.3 else 1.7e9 + t, r"at row 31 it goes 1\d{9}\S* s ahead of"),
+        (lambda t: t + 9.0 if t < 0.3 else 1.7e9 + t, r"at row 31 it goes 1\d{9}\S* s ahead of"),
+        (lambda t: 1.7e9 + t + 0.2 * (t > 0.595), r"at row 61 it goes 0\.[12]\d* s ahead of"),
+        (lambda t: 1.7e9 + t - 0.2 * (t > 0.595), r"at row 61 it goes 0\.[12]\d* s back of"),
+    ],
+)
+def test_a_clock_that_was_set_while_recording_is_refused_with_the_recorders(
+    stamp: Callable[[float], float], said: str
+) -> None:
+    late = np.abs(np.random.default_rng(0).normal(0.0, 0.02, 120)) + 1e-3  # of each message
+    logged = np.maximum.accumulate(TIME + late)
+    imu = stamped([stamp(t) for t in TIME], logged)
+    with pytest.raises(InvalidArgumentError, match=f"header.stamp of /imu was set .*{said} log_ti"):
+        align(imu, ONE, {"x": "x"}, None, 0.25)
+    found = align(imu, ONE, {"x": "x", "time": "log_time"}, None, 0.25)
+    np.testing.assert_allclose(found.time, logged - logged[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["a slow clock", "messages that wait", "one that waits long"])
+def test_a_clock_is_not_taken_for_set_by_delays_or_a_pace(kind: str) -> None:
+    time = 0.01 * np.arange(3000)
+    logged = {
+        "a slow clock": 1.002 * time,
+        "messages that wait": np.ceil((time + 1e-3) / 0.5) * 0.5,
+        "one that waits long": time + 3.0 * (np.arange(3000) == 900),
+    }[kind]
+    align(stamped(1.7e9 + time, logged), ONE, {"x": "x"}, None, 0.25)
+
+
+ONE = {"x": Quantity(("x",), {})}
+
+
+def stamped(stamps: Any, logged: Any) -> Recording:
+    """Return a topic with stamps and the recorder's times after 1.7e9 s."""
+    columns = {"header.stamp": np.array(stamps), "x": np.arange(len(logged)) * 1.0}
+    columns["log_time"] = 1.7e9 + np.array(logged)
+    clocks = {"header.stamp": 1.0, "log_time": 1.0}
+    return Recording("MCAP", [Stream("/imu", columns, clocks)], [])
+
+
+def test_a_hole_names_a_clock_that_has_none() -> None:
+    columns = {
+        "time": TIME + 5.0 * (TIME > 0.595), "elapsed_time [ms]": 1e3 * TIME, "x": np.ones(120),
+        "y": np.where(np.arange(120) % 5 == 0, 1.0, np.nan),
+    }  # fmt: skip
+    log = Recording("CSV", [Stream("", columns, {}, {"elapsed_time [ms]": "ms"})], [])
+    wanted = {"x": Quantity(("x",), {}), "y": Quantity(("y",), {}, held=True)}
+    with pytest.raises(
+        InvalidArgumentError, match=r"y must have no hole .*time=elapsed_time \[ms]"
+    ):
+        align(log, wanted, {}, None, 0.25)
+    found = align(log, wanted, {"time": "elapsed_time [ms]"}, None, 0.25)
+    np.testing.assert_allclose(found.time, TIME, atol=1e-9)
+
+
+def test_columns_of_another_rate_are_listed_with_it(tmp_path: Path) -> None:
+    lines = ["time,fast,slow,note"]
+    for row in range(200):
+        slow = f"{row}" if row % 10 == 0 else ""
+        lines.append(f"{0.01 * row:.3f},{row},{slow},{'on' if slow else ''}")
+    said = summary(table("\n".join([*lines, ""]), tmp_path))
+    assert said[1].split()[:4] == ["the", "table", "200", "100"]
+    assert said[2].split()[:6] == ["2", "columns:", "slow,", "note", "20", "10"]
+
+
 def changed_times(time: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.eea.log_files.TIME", time)
 
@@ -217,7 +286,9 @@ def test_a_hole_is_refused_with_the_parts_beside_it(
 ) -> None:
     changed_times(TIME + 2.0 * (TIME > 0.595), monkeypatch)
     columns = write_bin(tmp_path / "swim.BIN")
-    message = "IMU must have no hole.*from 0.59 to 2.6 s.*--between 0 0.59 or --between 2.6 3.19"
+    message = (
+        "IMU must have no hole.*from 0.59 to 2.6 s.*between 0 and 0.59 or between 2.6 and 3.19"
+    )
     with pytest.raises(InvalidArgumentError, match="RCOU must have no hole of more than"):
         read_log(tmp_path / "swim.BIN", columns)
     with pytest.raises(InvalidArgumentError, match=message):
@@ -228,7 +299,9 @@ def test_a_hole_is_refused_with_the_parts_beside_it(
 def test_time_that_goes_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     changed_times(np.where(TIME > 0.595, TIME - 0.3, TIME), monkeypatch)
     columns = write_bin(tmp_path / "swim.BIN") | dict.fromkeys(SCALED, "0*IMU.GyrX")
-    with pytest.raises(InvalidArgumentError, match=r"must not go back in time; .*--between 0 0.59"):
+    with pytest.raises(
+        InvalidArgumentError, match=r"must not go back in time; .*between 0 and 0.59"
+    ):
         read_log(tmp_path / "swim.BIN", columns)
 
 

@@ -1,0 +1,232 @@
+"""Trials of any robot from the five formats: one clock, units, holes, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea import Trial, read_trials
+from tests.eea.log_files import PULSE_TIME, PULSES, RATES, TIME, WRITERS, write_bin, write_mcap
+
+CHANNELS = {"roll rate": "rad/s", "yaw rate": "rad/s"}
+
+
+def keywords(name: str, path: Path) -> dict[str, str]:
+    """Write a log; return the columns of two rates and two pulses."""
+    columns = WRITERS[name](path)
+    x, _, z = (text.strip() for text in columns["gyro"].split(","))
+    found = {"roll rate": x, "yaw rate": z}
+    found |= {name: columns[name] for name in ("left_pectoral", "caudal")}
+    return found | ({"time": columns["time"]} if "time" in columns else
+                    {"time": "when"} if name == "parquet" else {})  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_each_format_gives_the_trial_that_was_recorded(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"log.{name}"
+    (trial,) = read_trials(path, CHANNELS, **keywords(name, path))
+    np.testing.assert_allclose(trial.signal, RATES[1:, [0, 2]], atol=1e-6)
+    pulses = np.repeat(PULSES, 10, axis=0)[:-1, [0, 2]]
+    wanted = pulses * [0.00125, 0.0025] - [1.875, 3.75]  # held since the row before
+    np.testing.assert_allclose(trial.inputs, wanted, atol=1e-4)  # stamps since 1970
+
+
+def csv(tmp_path: Path, **columns: Any) -> Path:
+    """Write a table; a cell that is NaN is empty."""
+    path = tmp_path / "log.csv"
+    rows = [",".join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        rows.append(",".join("" if cell != cell else str(cell) for cell in row))
+    path.write_text("\n".join([*rows, ""]))
+    return path
+
+
+def read(path: Path, **options: Any) -> list[Trial]:
+    return read_trials(path, {"rate": "rad/s"}, rate="x", **options)
+
+
+def test_a_faster_recorder_is_averaged_and_a_slower_one_leaves_gaps(tmp_path: Path) -> None:
+    time = 0.001 * np.arange(101)
+    slow = np.where(np.arange(101) % 20 == 0, 5.0 * time, np.nan)
+    path = csv(tmp_path, time=time, x=time, y=slow)
+    (trial,) = read_trials(path, {"x": "rad", "y": "m"}, step=0.01, x="x", y="y")
+    assert trial.signal.shape == (11, 2), "without inputs the first row is a sample"
+    np.testing.assert_allclose(trial.signal[1:-1, 0], 0.01 * np.arange(1, 10), atol=1e-9)
+    np.testing.assert_array_equal(np.isnan(trial.signal[:, 1]), np.arange(11) % 2 == 1)
+    np.testing.assert_allclose(trial.signal[::2, 1], 0.1 * np.arange(6), atol=1e-12)
+    assert "5 samples of y have no reading" in trial.remarks
+
+
+def test_rows_that_were_lost_are_missing_samples_on_the_same_clock(tmp_path: Path) -> None:
+    time = 0.01 * np.arange(50)
+    jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 50) * (time > 0)
+    kept = (np.arange(50) < 20) | (np.arange(50) >= 30)
+    path = csv(tmp_path, time=(time + jitter)[kept], x=np.arange(50.0)[kept])
+    (trial,) = read(path, step=0.01)
+    np.testing.assert_array_equal(trial.signal[:, 0], np.where(kept, np.arange(50), np.nan))
+    first, second = read(path, step=0.01, split_gap=0.05)
+    np.testing.assert_array_equal(first.signal[:, 0], np.arange(20))
+    np.testing.assert_array_equal(second.signal[:, 0], np.arange(30, 50))
+
+
+def test_an_uneven_clock_needs_a_stated_step(tmp_path: Path) -> None:
+    time = np.cumsum(np.random.default_rng(0).uniform(0.002, 0.01, 60))
+    path = csv(tmp_path, time=time, x=time)
+    with pytest.raises(
+        InvalidArgumentError, match=r"uneven rows, .* s apart .*: state .*step=0.00"
+    ):
+        read(path)
+    assert len(read(path, step=0.01)[0].signal) == 1 + round((time[-1] - time[0]) / 0.01)
+
+
+def test_an_input_is_the_mean_over_the_step_that_ends_with_its_sample(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    columns = write_mcap(path, behind=-0.005)  # the pulses are stamped 5 ms late
+    options = {"rate": "/imu.turn.x", "pulse": "/servos.data[0]"}
+    (trial,) = read_trials(path, {"rate": "rad/s"}, **options)
+    assert columns["left_pectoral"].endswith("/servos.data[0]-1.875")
+    assert any("first 0.01 s have no known input" in line for line in trial.remarks)
+    changes = np.flatnonzero(np.diff(PULSES[:, 0]))
+    at = 10 * (int(changes[0]) + 1)  # the row 5 ms before the change
+    one, other = PULSES[changes[0], 0], PULSES[changes[0] + 1, 0]
+    np.testing.assert_allclose(
+        trial.inputs[at - 2 : at + 1, 0], [one, (one + other) / 2, other], atol=1e-3
+    )
+    np.testing.assert_allclose(trial.signal[:, 0], RATES[2:, 0], atol=1e-6)
+
+
+def test_measured_inputs_are_interpolated(tmp_path: Path) -> None:
+    time = 0.01 * np.arange(51)
+    volts = np.where(np.arange(51) % 10 == 0, 3.0 * time, np.nan)
+    path = csv(tmp_path, time=time, x=time, volts=volts)
+    (trial,) = read(path, volts="volts", interpolate=["volts"])
+    np.testing.assert_allclose(trial.inputs[:, 0], 3.0 * time[1:], atol=1e-9)
+    with pytest.raises(ValueError, match=r"interpolate must be one of volts; .*mean 'volts'"):
+        read(path, volts="volts", interpolate=["volt"])
+
+
+def test_an_input_that_is_logged_when_it_changes_needs_a_word(tmp_path: Path) -> None:
+    time = 0.01 * np.arange(400)
+    mode = np.full(400, np.nan)
+    mode[[0, 5, 10, 15, 300]] = [0, 1, 2, 3, 4]
+    path = csv(tmp_path, time=time, x=time, mode=mode)
+    with pytest.raises(InvalidArgumentError, match=r"mode must have no hole .*longest_hold=inf"):
+        read(path, mode="mode")
+    (trial,) = read(path, mode="mode", longest_hold=np.inf)
+    assert trial.inputs[:, 0].tolist() == [0] * 5 + [1] * 5 + [2] * 5 + [3] * 285 + [4] * 99
+
+
+def test_trials_are_the_blocks_of_a_column_and_parts_of_the_time(tmp_path: Path) -> None:
+    time = np.tile(0.01 * np.arange(30), 2)
+    path = csv(tmp_path, time=time, x=np.arange(60), u=np.arange(60), run=np.repeat([7, 3], 30))
+    first, second = read(path, u="u", trial="run")
+    np.testing.assert_array_equal(first.signal[:, 0], np.arange(1, 30))
+    np.testing.assert_array_equal(second.signal[:, 0], np.arange(31, 60))
+    np.testing.assert_allclose(second.inputs[:, 0], np.arange(30, 59))
+    with pytest.raises(InvalidArgumentError, match="between must be None where a table has sev"):
+        read(path, u="u", trial="run", between=(0.0, 0.1))
+    with pytest.raises(InvalidArgumentError, match=r"must not go back in time; .* 0.29 to 0 s"):
+        read(path, u="u")
+    path = csv(tmp_path, time=0.01 * np.arange(60), x=np.arange(60))
+    one, other = read(path, between=[(0.05, 0.1), (0.2, 0.3)])
+    assert one.signal[:, 0].tolist() == [5, 6, 7, 8, 9, 10]
+    assert other.signal[:, 0].tolist() == list(range(20, 31))
+    for wrong in ((0.1, 0.1), (5.0, 9.0), (0.0,), [(0.0, 1.0), (2.0, 1.0)]):
+        with pytest.raises(InvalidArgumentError, match="between must "):
+            read(path, between=wrong)
+
+
+def test_a_trial_may_be_of_another_stream(tmp_path: Path) -> None:
+    path = tmp_path / "log.BIN"
+    write_bin(path)
+    columns = {"rate": "IMU.GyrY", "pulse": "RCOU.C2", "trial": "RCOU.C1"}
+    first, second = read_trials(path, {"rate": "rad/s"}, **columns)
+    at = 10 * int(np.flatnonzero(np.diff(PULSES[:, 0]))[0]) + 10
+    np.testing.assert_allclose(first.signal[:, 0], RATES[1:at, 0], atol=1e-6)
+    np.testing.assert_allclose(second.signal[:, 0], RATES[at + 1 :, 0], atol=1e-6)
+
+
+def test_units_are_those_of_the_channels(tmp_path: Path) -> None:
+    path = csv(tmp_path, **{"time": TIME, "x [deg/s]": np.full(120, 90.0), "y": np.ones(120)})
+    (trial,) = read_trials(path, {"rate": "rad/s"}, rate="x [deg/s]")
+    np.testing.assert_allclose(trial.signal, np.pi / 2, atol=1e-12)
+    (trial,) = read_trials(path, {"rate": "deg/s"}, rate="-x [deg/s]")
+    np.testing.assert_allclose(trial.signal, -90.0, atol=1e-12)
+    (trial,) = read_trials(path, {"rate": "deg/s"}, **{"rate:rad/s": "y"})
+    np.testing.assert_allclose(trial.signal, np.rad2deg(1.0), atol=1e-12)
+    with pytest.raises(InvalidArgumentError, match=r"force must be in N .*x .* is in deg/s"):
+        read_trials(path, {"force": "N"}, force="x [deg/s]")
+    with pytest.raises(InvalidArgumentError, match="the unit of rate must be one of rad/s"):
+        read_trials(path, {"rate": "rad/s"}, **{"rate:deg": "y"})
+
+
+def test_angles_that_wrap_are_averaged_near_one_of_them(tmp_path: Path) -> None:
+    time = 0.005 * np.arange(9)
+    heading = np.where(np.arange(9) % 2, 179.0, -179.0)
+    path = csv(tmp_path, time=time, x=heading)
+    (trial,) = read_trials(path, {"heading": "deg, wraps"}, step=0.01, heading="x")
+    assert (np.abs(np.abs(trial.signal) - 180.0) <= 1.0).all()
+
+
+def test_a_unit_of_time_that_is_not_clear_is_asked_for(tmp_path: Path) -> None:
+    path = csv(tmp_path, stamp=np.arange(50), x=np.arange(50))
+    with pytest.raises(InvalidArgumentError, match=r"may be in s or ms or 10ms: .*time:s=stamp"):
+        read(path, time="stamp")
+    assert "a sample every 1 s, 50 in all" in read(path, **{"time:s": "stamp"})[0].remarks
+    assert "a sample every 0.001 s, 50 in all" in read(path, **{"time:ms": "stamp"})[0].remarks
+
+
+MISTAKES: dict[str, tuple[dict[str, str], str]] = {
+    "column": ({"rate": "IMU.GirX"}, "rate must be a column of the log.*did you mean IMU.GyrX"),
+    "channel": ({"rates": "IMU.GyrX"}, "rate must have a column.*did you mean it by rates"),
+    "two": ({"rate": "IMU.GyrX,IMU.GyrY"}, "rate must have one column; got"),
+    "input": ({"rate": "IMU.GyrX", "pulse": "RCOU.C9"}, "pulse must be a col.*mean RCOU.C"),
+    "unit": ({"rate": "RCOU.C1"}, "rate must be in rad/s or .*RCOU.C1 is in us"),
+    "text": ({"rate": "MSG.Message"}, "row 1 must have numbers; MSG.Message is"),
+    "time": ({"rate": "IMU.GyrX", "time": "IMU.Time"}, "time must be a column.*mean IMU.TimeUS"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_refused_with_the_nearest(mistake: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.BIN"
+    write_bin(path)
+    columns, message = MISTAKES[mistake]
+    with pytest.raises(InvalidArgumentError, match=message) as told:
+        read_trials(path, {"rate": "rad/s"}, **columns)
+    assert "map" not in str(told.value)
+
+
+def test_a_pendulum_is_inferred_from_a_file(tmp_path: Path) -> None:
+    from eea import FitConfig, Number, Robot
+
+    def spin(values: Any, inputs: Any) -> Any:
+        rate = np.zeros(len(inputs))
+        log = np.empty((*inputs.shape[:2], 1))
+        for step in range(inputs.shape[1]):
+            rate = rate + 0.01 * (values["gain"] * inputs[:, step, 0] - values["drag"] * rate)
+            log[:, step, 0] = rate
+        return log
+
+    push = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 12), 50)
+    true = {"gain": np.array([3.0]), "drag": np.array([1.5])}
+    seen = np.append(0.0, spin(true, push[None, :, None])[0, :, 0])
+    seen += np.random.default_rng(1).normal(0.0, 0.01, len(seen))
+    time = 0.01 * np.arange(len(seen))
+    path = csv(tmp_path, time=time, gyro=np.rad2deg(seen), motor=np.append(push, 0.0))
+    robot = Robot(
+        simulate=spin,
+        numbers={"gain": Number(0.0, 10.0), "drag": Number(0.0, 5.0)},
+        channels={"gyro": "rad/s"},
+    )
+    trials = read_trials(path, robot.channels, motor="motor", **{"gyro:deg/s": "gyro"})
+    found = robot.infer(trials, config=FitConfig(bodies=16, descents=4, polished=2, restarts=0))
+    assert found.good
+    for name, value in true.items():
+        _, low, high = found.table(0.9)[name]
+        assert low - 0.01 < value[0] < high + 0.01
+    assert len(PULSE_TIME) == len(PULSES)
