@@ -20,6 +20,7 @@ from instruments.inference.cases import Case, measure
 from instruments.inference.logs import LOGS, summarise_logs
 from instruments.inference.plots import save_pictures
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
+from instruments.inference.strangers import DRAWS, KINDS, summarise_strangers
 from instruments.inference.summary import summarise
 from instruments.inference.swims import SWIMS, summarise_swims
 from instruments.inference.tables import Pictures, make_tables
@@ -47,8 +48,9 @@ class Inference:
     """Seed of all that is random."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
     """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco, foreign for
-    all foreign worlds or one such as law-0.01; and of the swims: window, unchanged, struck,
-    recovery; and rows, logs of 100 to 10 rows a second. By default all but foreign and rows."""
+    all foreign worlds or one such as law-0.01; of the swims: window, unchanged, struck, recovery;
+    rows, logs of 100 to 10 rows a second; and strangers for all robots of other people, or one
+    such as solver. By default all but foreign, rows and strangers."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
 
@@ -58,15 +60,15 @@ class Inference:
         if not 0.0 < self.bodies <= 100.0:
             raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
         sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS | LOGS
+        sizes |= dict.fromkeys(KINDS, DRAWS)
+        groups = {"foreign": tuple(FOREIGN_SETTINGS), "strangers": tuple(KINDS)}
         names = [
             each
             for name in self.only
-            for each in (FOREIGN_SETTINGS if name == "foreign" else [one_of("only", name, sizes)])
+            for each in (groups[name] if name in groups else [one_of("only", name, sizes)])
         ] or [*SETTINGS, *SWIMS]
         if "mujoco" in names:
             load_mujoco()
-        if self.page is not None and self.only:
-            raise InvalidArgumentError("page needs all settings; leave out only")
         counts = {name: round(self.bodies * sizes[name]) for name in names}
         least = {name: 10 if name == "prior" else 2 for name in names}  # for ranks
         return {
@@ -82,8 +84,9 @@ class Inference:
         folder = ensure_writable_directory(self.out, "out")
         with lock(folder):
             write_manifest(folder, "a measurement of inference", {"seed": self.seed}, work=measure)
-            self._work([case for some in cases.values() for case in some], folder)
-            report = {
+            found = [case for some in cases.values() for case in some]
+            self._work(found, folder)
+            report: dict[str, Any] = {
                 "seed": self.seed,
                 "code": [(read_manifest(folder) or {}).get("versions", {})],
                 "settings": {
@@ -101,7 +104,15 @@ class Inference:
                     for name, some in cases.items()
                     if name in LOGS
                 },
+                "strangers": {
+                    name: summarise_strangers([_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                    if name in KINDS
+                },
             }
+            every = [_read(folder, case) for case in found if case.setting in KINDS]
+            if every:
+                report["strangers"]["all"] = summarise_strangers(every)
             write_document(folder / REPORT, report, SCHEMA)
             pictures = save_pictures(report, folder)
         tables = make_tables(report)

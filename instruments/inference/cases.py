@@ -22,6 +22,7 @@ from instruments.inference.calibration import ranks
 from instruments.inference.logs import LOGS, measure_log
 from instruments.inference.robots import Floats, Robot, draw_body, draw_world
 from instruments.inference.settings import EVERY, Setting
+from instruments.inference.strangers import KINDS, measure_stranger
 from instruments.inference.swims import SWIMS, measure_swim
 
 MASSES = (0.5, 0.8, 0.9)
@@ -58,6 +59,9 @@ def measure(case: Case) -> dict[str, Any]:
         return measure_log(case.number, rng)
     if case.setting in SWIMS:
         return measure_swim(case.setting, case.number, rng)
+    if case.setting in KINDS:
+        rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
+        return measure_stranger(case.setting, rng)
     which = list(EVERY).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])
     return examine(EVERY[case.setting], case.number, rng)

@@ -10,6 +10,7 @@ import numpy as np
 
 from instruments.inference.recovery import recovery_table
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS
+from instruments.inference.strangers import KINDS
 from instruments.inference.swims import TITLES
 from instruments.verification.tables import Table
 
@@ -54,11 +55,31 @@ def make_tables(report: Report) -> dict[str, Table]:
     if "rows" in (logs := report.get("logs", {})):
         tables["rows"] = rows_table(logs["rows"])
     recovery = swims.pop("recovery", None)
+    if report.get("strangers"):
+        tables["strangers"] = strangers_table(report["strangers"])
     if swims:
         tables["swims"] = swims_table(swims)
     if recovery:
         tables["recovery"] = recovery_table(recovery)
     return tables
+
+
+def strangers_table(parts: Mapping[str, Any]) -> Table:
+    """Return how often intervals of other people's robots hold where nothing warns."""
+    rows = []
+    for name, part in parts.items():
+        held = part.get("share")
+        rows.append(
+            (KINDS.get(name, "all that warn of nothing"), str(part["robots"]), str(part["good"]),
+             str(part["warned"]), str(part["numbers"]), "" if held is None else f"{held:.1%}",
+             "" if held is None else " to ".join(f"{end:.0%}" for end in part["interval"]),
+             f"{part['simulations']:.0f}")
+        )  # fmt: skip
+    columns = (
+        "robot", "draws", "as noise would", "warned of", "numbers", "90% intervals that hold",
+        "95% interval of that", "simulations, median",
+    )  # fmt: skip
+    return Table("robots of other people", columns, rows)
 
 
 def swims_table(parts: Mapping[str, Any]) -> Table:
