@@ -15,6 +15,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
     submod_attrs={
         "core": core.__all__,
         "fish": fish.__all__,
+        "infer.simulating": ["one_by_one"],
         "infer.session": ["JointInference"],
         "infer.robot": ["Robot"],
         "infer.statement": ["Hypothesis", "Number"],

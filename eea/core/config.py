@@ -240,6 +240,10 @@ class FitConfig:
     polished: int = whole_field(4, 1, 10**5)
     #: Maximum number of new scans where the residuals do not look like noise.
     restarts: int = whole_field(3, 0, 1000)
+    #: Budget of simulated trials, after which the best so far is the answer; None for no end.
+    evaluations: int | None = whole_field(None, 1, 10**12)
+    #: Budget in s, likewise. Where it ends depends on the machine.
+    seconds: float | None = real_field(None, 0.0)
 
     def __post_init__(self) -> None:
         if self.nuisances is not None:

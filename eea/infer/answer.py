@@ -28,6 +28,7 @@ from eea.infer.words import (
     findings,
     fits_of,
     of_simulator,
+    of_turns,
     several,
     unnoticed,
 )
@@ -66,6 +67,8 @@ class Answer:
     #: Of each channel, of which ``sigma`` is a multiple; None where all have the same.
     noise: Noise | None = None
     caveats: tuple[str, ...] = ()  #: Sentences on what was assumed, the last findings.
+    #: What ended the search before its time, such as a budget; empty where it was completed.
+    ended: str = ""
 
     @property
     def robot(self) -> RobotModel:
@@ -223,17 +226,20 @@ class Answer:
     @property
     def good(self) -> bool:
         """Whether the best fit leaves nothing but noise, so that the intervals can be trusted."""
-        return self.goodness.good
+        return self.goodness.good and not self.ended
 
     @property
     def verdict(self) -> str:
         """A sentence on whether the best fit is good, with the reason."""
+        if self.ended:
+            return f"unfinished, by {self.ended}: so far {self.goodness.verdict}"
         return self.goodness.verdict
 
     @property
     def findings(self) -> list[str]:
         """The findings in sentences, most important first."""
-        return [*self._findings, *self.caveats]
+        unfinished = [self.verdict] if self.ended else []
+        return [*unfinished, *self._findings, *self.caveats]
 
     @cached_property
     @own_errors
@@ -244,7 +250,8 @@ class Answer:
         limits: list[str] = []
         if not self.robot.parts:
             limits = several(best) + at_ends(best)
-            limits += [] if self.warm_start is None else of_simulator(self.best_fit)
+            if self.warm_start is not None:
+                limits = of_turns(self.best_fit) + limits + of_simulator(self.best_fit)
         if self.goodness.good and self.robot.alternatives:
             said = limits + faults(fits_of(self.branches), self.robot)
             return said + unnoticed(self.branches)

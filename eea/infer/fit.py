@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numbers
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eea.core.angles import Floats
 from eea.core.checks import (
     ConfigurationError,
+    TargetError,
     callback,
     choice,
     finite,
@@ -32,6 +30,7 @@ from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.search import (
     Optima,
+    as_they_are,
     halved,
     improved,
     pose,
@@ -40,13 +39,13 @@ from eea.infer.search import (
     stepped,
     with_others,
 )
-from eea.infer.statement import Hypothesis, RobotModel, Values
+from eea.infer.simulating import OutOfBudgetError, Simulations
+from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
-SILENT_SECONDS = 4.0  # of a search, after which its progress is said again
 LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 
@@ -84,8 +83,8 @@ def fit(
     earlier
         The posterior after fewer of these trials, whose optima are starting points.
     progress
-        Called with the name of each hypothesis before it is fitted, and every four seconds with the
-        number of trials that were simulated so far.
+        Called with the name of each hypothesis before it is fitted, and every few seconds, or a
+        hundred simulations, with the number of trials that were simulated so far.
     doubt
         Called with the nominal fit if its residuals are more than noise. It returns whether the
         other hypotheses are worth fitting. None: they are.
@@ -112,8 +111,12 @@ def fit(
         raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
-    counter = _Counter(robot, progress)
-    robot = replace(robot, simulate=counter)
+    counter = _counting(robot)
+    own = counter is None
+    if counter is None:
+        counter = Simulations(robot, progress, config.evaluations, config.seconds)
+        robot = replace(robot, simulate=counter)
+    config = within_budget(config, robot, len(observed))
     start = (earlier and earlier.warm_start) or WarmStart()
     groups = robot.groups if config.nuisances is None else config.nuisances
     roughness = start.roughness
@@ -122,9 +125,23 @@ def fit(
         parameters = Unknowns.of(robot, len(observed), groups, hypothesis)
         regression = Regression(parameters, observed, config.noise, usual, roughness)
         before = start.optima.get(hypothesis.name)
-        counter.begin(hypothesis.name)
         once = not start.explained or robot.prior is not None  # a misfit means a change
-        return _optimize(regression, config, rng, before, plain, once)
+        if counter.ended and before is not None:
+            return as_they_are(regression, carried_over(before, parameters)[:1])
+        counter.begin(hypothesis.name if robot.alternatives else "fitting")
+        try:
+            return finished(_optimize(regression, config, rng, before, plain, once))
+        except OutOfBudgetError as error:
+            counter.end(str(error))
+        except KeyboardInterrupt:
+            if not counter.interruptible:
+                raise
+            counter.end("Ctrl-C")
+        if regression.seen.theta is None:
+            raise TargetError(
+                f"{counter.ended} ended the search before any simulation stayed finite"
+            )
+        return as_they_are(regression, regression.seen.theta[None])
 
     def finished(optima: Optima) -> Optima:
         """Return optima with derivatives that suit the simulator, and those of other valleys."""
@@ -135,7 +152,7 @@ def fit(
         return stepped(optima)
 
     # Fit the robot as it should be, then the other hypotheses that are plausible.
-    plain = finished(optimize(robot.nominal))
+    plain = optimize(robot.nominal)
     explained = plain.goodness.good
     alone = plain.mixture(plain)
     others: list[tuple[Hypothesis, Optima]] = []
@@ -143,11 +160,16 @@ def fit(
     if plausible and not explained and doubt is not None and not doubt(plain):
         plausible = []
     for changes in sorted({h.changes for h in plausible}):
-        others += [(h, finished(optimize(h, plain))) for h in plausible if h.changes == changes]
+        for hypothesis in plausible:
+            known = hypothesis.name in start.optima or not counter.ended
+            if hypothesis.changes == changes and known:
+                others.append((hypothesis, optimize(hypothesis, plain)))
         if any(optima.goodness.good for _, optima in others):
             break
     lowest = min((o for _, o in others), key=_least, default=plain)
-    if _least(lowest) < _least(plain):  # Is the hypothesis better, or only its search?
+    if (
+        _least(lowest) < _least(plain) and not counter.ended
+    ):  # Is the hypothesis better, or only its search?
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
         alone = plain.mixture(plain)
 
@@ -184,15 +206,35 @@ def fit(
         fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
     }
     dropped = (start.dropped | hopeless) - {robot.nominal.name}
+    if own:
+        counter.release()
     return Answer(
         branches,
         optima[branches[0].hypothesis.name].goodness,
         best.sigma,
         0 if config.noise else observed.size,
-        WarmStart(optima, frozenset(dropped), explained, counter.robots, roughness),
+        WarmStart(optima, frozenset(dropped), explained, counter.count, roughness),
         observed.noise,
-        said,
+        (*counter.remarks, *said),
+        counter.ended,
     )
+
+
+def _counting(robot: RobotModel) -> Simulations | None:
+    """Return what counts a robot's simulations, if a fit goes on."""
+    counter = robot.simulate
+    return counter if isinstance(counter, Simulations) and counter.counting else None
+
+
+def within_budget(config: FitConfig, robot: RobotModel, trials: int) -> FitConfig:
+    """Return settings whose first scan takes a third of the budget at most."""
+    poses = bool(robot.varying or robot.angles)
+    while config.evaluations is not None and config.bodies > 2:
+        scan = config.bodies * trials * (config.poses if poses else 1)
+        if 3 * scan <= config.evaluations:
+            break
+        config = halved(config)
+    return config
 
 
 def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
@@ -204,33 +246,6 @@ def check_nuisances(robot: RobotModel, config: FitConfig) -> None:
 def _least(optima: Optima) -> float:
     """Return the sum of squared residuals of the best fit."""
     return float(optima.fits.squares[0])
-
-
-class _Counter:
-    """A simulator that counts robots, and says every few seconds that the search goes on."""
-
-    def __init__(self, robot: RobotModel, progress: Callable[[str], None] | None) -> None:
-        self._robot = robot
-        self._progress = progress
-        self._said = time.monotonic()
-        self._doing = ""
-        self.robots = 0
-
-    def begin(self, hypothesis: str) -> None:
-        """Say what is fitted from now on."""
-        self._doing = hypothesis
-        self._say(hypothesis)
-
-    def _say(self, words: str) -> None:
-        self._said = time.monotonic()
-        if self._progress is not None:
-            self._progress(words)
-
-    def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
-        if time.monotonic() - self._said > SILENT_SECONDS:
-            self._say(f"{self._doing}, after {self.robots} simulated trials")
-        self.robots += len(next(iter(values.values())))
-        return self._robot.signal(values, inputs, fine)
 
 
 def _optimize(
@@ -325,6 +340,7 @@ def infer(
     noise: Mapping[str, float] | Noise | None = None,
     usual: Floats | None = None,
     progress: Callable[[str], None] | None = None,
+    interruptible: bool = False,
 ) -> Answer:
     """Return the posterior of a robot given recorded trials.
 
@@ -343,6 +359,8 @@ def infer(
         fitted again until it stays the same.
     usual, progress
         See :func:`eea.infer.fit.fit`.
+    interruptible
+        Whether Ctrl-C ends the search as a budget does, with the best so far as the answer.
 
     Raises
     ------
@@ -352,6 +370,7 @@ def infer(
         If no simulation stays finite.
     """
     instance("robot", robot, RobotModel)
+    callback("progress", progress)
     if robot.discrepancy is not None:
         raise ConfigurationError(
             "discrepancy must be None where the channels' noise is inferred: AR(1) noise is what a "
@@ -366,18 +385,33 @@ def infer(
         )
     observed = Observed.of(trials, robot)
     _check_enough(robot, observed, config, noise is not None)
+    counter = Simulations(robot, progress, config.evaluations, config.seconds, interruptible)
+    robot = replace(robot, simulate=counter)
+    try:
+        return _infer(robot, observed, seed, config, noise, usual)
+    finally:
+        counter.release()
+
+
+def _infer(
+    robot: RobotModel,
+    observed: Observed,
+    seed: int,
+    config: FitConfig,
+    noise: Mapping[str, float] | Noise | None,
+    usual: Floats | None,
+) -> Answer:
+    """Fit trials with known noise, or again until the noise that they leave stays the same."""
     rng = np.random.default_rng(seed)
     if noise is not None:
         known = known_noise(noise, robot)
         config = replace(config, noise=1.0)  # times the channels' own
-        return fit(
-            replace(observed, noise=known), robot, config, rng, progress=progress, usual=usual
-        )
+        return fit(replace(observed, noise=known), robot, config, rng, usual=usual)
     guess = first_guess(robot, observed)
     posterior: Answer | None = None
     for _ in range(MOST_NOISE_ROUNDS):
         seen = replace(observed, noise=guess)
-        posterior = fit(seen, robot, config, rng, posterior, progress)
+        posterior = fit(seen, robot, config, rng, posterior)
         start = posterior.warm_start
         assert start is not None
         # While the guess is too loud, a hypothesis that is right may be unlikely.
@@ -437,7 +471,9 @@ def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[s
     return [
         f"the noise of {name}, {sd:.1g} {unit}, is only rounding: by it any noise in a log counts "
         "as a change"
-        for (name, unit), sd, most in zip(robot.channels.items(), noise.sd, loudest, strict=True)
+        for (name, unit), sd, most in zip(
+            robot.channel_units.items(), noise.sd, loudest, strict=True
+        )
         if sd < LEAST_RELATIVE_RMS * most
     ]
 

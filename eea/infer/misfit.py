@@ -6,7 +6,8 @@ a column for each of its slots, not for each parameter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -70,6 +71,20 @@ class Linear(NamedTuple):
     slopes: Floats  #: Derivatives of the residuals by the free slots, (S, E, F, M).
 
 
+class Seen:
+    """The best vector of a search so far, for an answer before its end."""
+
+    theta: Floats | None = None  #: (P,)
+    _squares: float = math.inf
+
+    def note(self, theta: Floats, squares: Floats) -> None:
+        """Remember the best of vectors (S, P) by their sums of squares (S,)."""
+        best = int(squares.argmin())
+        if squares[best] < self._squares:
+            self._squares = float(squares[best])
+            self.theta = theta[best].copy()
+
+
 class Misfit:
     """The differences between simulated and observed trials, at one precision."""
 
@@ -80,7 +95,9 @@ class Misfit:
         precision: Precision,
         only_of: int | None = None,
         roughness: Roughness | None = None,
+        seen: Seen | None = None,
     ) -> None:
+        self._seen = seen if only_of is None else None
         self.parameters = parameters
         self._roughness = None if roughness is None or roughness.smooth else roughness
         self.precision = precision
@@ -127,8 +144,30 @@ class Misfit:
             parts.append(kept.reshape(len(kept), -1))
         simulated = parts[0] if len(parts) == 1 else np.concatenate(parts)
         wanted = self._wanted[trials, None].astype(np.result_type(simulated, np.float32))
-        apart: NDArray[np.floating] = simulated.reshape(*local.shape[:-1], -1) - wanted
+        nearest = self._nearest(simulated.reshape(*local.shape[:-1], -1), wanted)
+        apart: NDArray[np.floating] = nearest - wanted
         return apart if self._whitening is None else self._whitening(apart, trials)
+
+    def _nearest(
+        self, simulated: NDArray[np.floating], wanted: NDArray[np.floating]
+    ) -> NDArray[np.floating]:
+        """Return signals (S, E, C, M) turned by whole turns, or with the other sign, to be near."""
+        robot = self.parameters.robot
+        turns = robot.turns
+        if not (np.isfinite(turns).any() or robot.quaternions):
+            return simulated
+        shape = (*simulated.shape[:-1], len(turns), -1)
+        signal = simulated.reshape(shape).copy()
+        other = np.broadcast_to(wanted, simulated.shape).reshape(shape)
+        for c in np.flatnonzero(np.isfinite(turns)):
+            with np.errstate(invalid="ignore"):
+                signal[..., c, :] -= turns[c] * np.round(
+                    (signal[..., c, :] - other[..., c, :]) / turns[c]
+                )
+        for four in robot.quaternions:
+            way = (signal[..., four, :] * other[..., four, :]).sum(axis=-2, keepdims=True)
+            signal[..., four, :] *= np.where(way < 0.0, -1.0, 1.0)
+        return signal.reshape(simulated.shape)
 
     def residuals(self, theta: Floats) -> NDArray[np.floating]:
         """Return simulated minus observed (S, E, M) for vectors (S, P)."""
@@ -139,7 +178,10 @@ class Misfit:
         """Return the sum of squared residuals (S,), infinite where a robot diverged."""
         residuals = self.residuals(theta)
         sums = np.einsum("sem,sem->s", residuals, residuals).astype(np.float64)
-        return np.where(np.isfinite(sums), sums, np.inf)
+        sums = np.where(np.isfinite(sums), sums, np.inf)
+        if self._seen is not None and len(sums):
+            self._seen.note(theta, sums * self.precision.stride)
+        return sums
 
     def linearise(self, theta: Floats) -> Linear:
         """Return the misfit near vectors (S, P), by forward differences.
@@ -274,12 +316,13 @@ class Regression:
     noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
     usual: Floats | None = None  #: The misfits of known-good logs, by which this one is judged.
     roughness: Roughness | None = None  #: That of the simulator; None before it is looked at.
+    seen: Seen = field(default_factory=Seen)
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
         """Return the misfit at a precision."""
         precision = precision._replace(stride=self.stride(precision))
         roughness = self.roughness if precision.fine else None
-        return Misfit(self.parameters, self.observed, precision, only_of, roughness)
+        return Misfit(self.parameters, self.observed, precision, only_of, roughness, self.seen)
 
     def stride(self, precision: Precision) -> int:
         """Return every how many samples are compared: all, where they are far apart."""

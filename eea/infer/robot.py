@@ -10,6 +10,7 @@ from eea.infer.statement import RobotModel
 
 if TYPE_CHECKING:  # they load scipy, and a statement needs none
     from eea.infer.answer import Answer
+    from eea.infer.density import LogDensity
     from eea.infer.known import Follower, Reference
     from eea.infer.trials import Noise, Trial
 
@@ -24,7 +25,9 @@ class Robot(RobotModel):
     numbers
         What the signal depends on, by name: each a :class:`~eea.infer.statement.Number`.
     channels
-        The unit of each channel of the signal, by name, in the order of its last axis.
+        The unit of each channel of the signal, by name, in the order of its last axis. ``"rad,
+        wraps"``, ``"deg, wraps"`` and ``"rev, wraps"`` are of angles that jump by a whole turn, as
+        a compass does. Four channels of the unit ``"quaternion"`` are as near as q or -q is.
     hypotheses
         What may have changed or broken. None: each ``healthy`` number may be anywhere in its
         range, with odds of 0.1 in all.
@@ -80,10 +83,24 @@ class Robot(RobotModel):
         noise: Mapping[str, float] | Noise | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> Answer:
-        """Return the posterior given recorded trials; see :func:`eea.infer.fit.infer`."""
+        """Return the posterior given recorded trials; see :func:`eea.infer.fit.infer`.
+
+        Ctrl-C, or the budget of ``config``, ends the search with the best so far.
+        """
         from eea.infer.fit import infer
 
-        return infer(self, trials, seed, config, noise, progress=progress)
+        return infer(self, trials, seed, config, noise, progress=progress, interruptible=True)
+
+    def log_density(
+        self, trials: Sequence[Trial], noise: Mapping[str, float] | Noise
+    ) -> LogDensity:
+        """Return the log density of the numbers given trials, for a sampler of one's own.
+
+        See :class:`eea.infer.density.LogDensity`.
+        """
+        from eea.infer.density import LogDensity
+
+        return LogDensity(self, trials, noise)
 
     def learn(
         self,

@@ -313,6 +313,16 @@ class Optima:
         return [one[:n] for one, n in zip(whole, self.regression.observed.counts, strict=True)]
 
     @cached_property
+    def signal(self) -> Floats:
+        """The simulated signal (E, T, axes) of the best fit; where samples are missing, theirs."""
+        observed = replace(self.regression.observed, noise=None, weight=None)
+        plain = Regression(self.regression.parameters, observed, None)
+        flat = plain.misfit(FINE).residuals(self.fits.theta[:1])[0]
+        trials, samples, axes = observed.signal.shape
+        left = flat.reshape(trials, axes, samples).swapaxes(1, 2)
+        return np.asarray(observed.signal + left, np.float64)
+
+    @cached_property
     def goodness(self) -> Goodness:
         """Whether the best fit leaves nothing but noise."""
         regression = self.regression
@@ -383,6 +393,12 @@ def search(
             break
     assert best is not None
     return best
+
+
+def as_they_are(regression: Regression, theta: Floats) -> Optima:
+    """Return the optima that vectors (S, P) are taken for, without a search."""
+    squares = regression.misfit(FINE).squares(theta)
+    return _optima(regression, Fitted(theta, squares, squares))
 
 
 def improved(optima: Optima, starts: Floats) -> Optima:

@@ -387,6 +387,10 @@ def any_change(names: Collection[str]) -> list[Hypothesis]:
     return [Hypothesis(f"{name} has changed", moves={name: anywhere}, odds=odds) for name in names]
 
 
+#: Unit of a channel -> a whole turn in it: a channel of the kind "rad, wraps" may jump by it.
+TURNS = {"rad": 2.0 * math.pi, "deg": 360.0, "rev": 1.0}
+WRAPS = "wraps"
+QUATERNION = "quaternion"  # the unit of four channels: q and -q are one attitude
 MOST_STRIDE = 4
 MOST_AT_ONCE = 3
 MOST_ALTERNATIVES = 2000  # 200, of 200 numbers, take nine minutes of one core
@@ -430,6 +434,7 @@ class RobotModel:
         mapping("channels", self.channels, str)
         if not self.channels:
             raise ConfigurationError("channels must be one or more; got none")
+        _check_kinds(self.channels)
         mapping("numbers", self.numbers, Number)
         if not self.numbers:
             raise ConfigurationError("numbers must be one or more, by name; got none")
@@ -584,10 +589,29 @@ class RobotModel:
         """The groups of numbers that can be inferred or not."""
         return tuple(dict.fromkeys(one.group for one in self.table.values() if one.group))
 
+    @cached_property
+    def channel_units(self) -> dict[str, str]:
+        """The units of the channels, without their kind."""
+        return {name: unit.partition(",")[0].strip() for name, unit in self.channels.items()}
+
+    @cached_property
+    def turns(self) -> Floats:
+        """A whole turn of each channel (C,), infinite for one that does not wrap."""
+        wraps = [unit.partition(",")[2] for unit in self.channels.values()]
+        units = self.channel_units.values()
+        return np.array([TURNS[u] if w else math.inf for u, w in zip(units, wraps, strict=True)])
+
+    @cached_property
+    def quaternions(self) -> list[slice]:
+        """The groups of four channels that are quaternions."""
+        units = list(self.channel_units.values())
+        places = [i for i, unit in enumerate(units) if unit == QUATERNION]
+        return [slice(i, i + 4) for i in places[::4]]
+
     @property
     def unit(self) -> str:
         """The unit of the signal, if all channels have the same; else nothing."""
-        units = set(self.channels.values())
+        units = set(self.channel_units.values())
         return units.pop() if len(units) == 1 else ""
 
     @property
@@ -611,6 +635,25 @@ class RobotModel:
             return "fine" in inspect.signature(self.simulate).parameters
         except (TypeError, ValueError):
             return False
+
+
+def _check_kinds(channels: Mapping[str, str]) -> None:
+    """Raise a ConfigurationError for a channel of an unknown kind."""
+    for name, stated in channels.items():
+        unit, comma, kind = (part.strip() for part in stated.partition(","))
+        if comma and (kind != WRAPS or unit not in TURNS):
+            known = ", ".join(f"'{unit}, {WRAPS}'" for unit in TURNS)
+            raise ConfigurationError(
+                f"the unit of {name} must have no comma, or be one of {known}; got {stated!r}"
+            )
+    four = [unit == QUATERNION for unit in channels.values()]
+    run = 0
+    for one in (*four, False):
+        if not one and run % 4:
+            raise ConfigurationError(
+                f"channels of the unit {QUATERNION!r} must be four, one after the other; got {run}"
+            )
+        run = run + 1 if one else 0
 
 
 def _check_distinct(what: str, names: Sequence[str]) -> None:

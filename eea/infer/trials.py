@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
-from eea.core.checks import (
-    ConfigurationError,
-    all_of,
-    as_array,
-    brief,
-    masked,
-    real_numbers,
-    text,
-)
-from eea.core.floating import callers_errors
+from eea.core.checks import ConfigurationError, all_of, brief, real_numbers, text
+from eea.infer.simulating import simulated
 from eea.infer.statement import RobotModel, Values
 
 NOISE_TOLERANCE = 0.03  # of a standard deviation, and in correlation
@@ -130,7 +121,6 @@ def spectrum(samples: int, duration: float) -> Floats:
 
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
-NOTED_NUMBERS = 20  # of a batch that raised
 LARGEST_NUMBER = 1e100  # of a signal, in any unit: its square, summed and weighed, is finite
 
 
@@ -233,7 +223,7 @@ class Observed:
         """
         samples, channels = self.signal.shape[1:]
         if isinstance(self.inputs, np.ndarray):
-            some = _simulated(robot, values, self.inputs[trials], fine, (len(trials), samples))
+            some = simulated(robot, values, self.inputs[trials], fine, (len(trials), samples))
             return some[:, :samples]
         shapes = [None if one is None else one.shape for one in self.inputs]
         signal = np.zeros((len(trials), samples, channels))
@@ -242,7 +232,7 @@ class Observed:
             own = {name: value[rows] for name, value in values.items()}
             inputs = None if shape is None else np.stack([self.inputs[e] for e in trials[rows]])
             longest = max(self.counts[trial] for trial in trials[rows])
-            some = _simulated(robot, own, inputs, fine, (len(rows), longest))
+            some = simulated(robot, own, inputs, fine, (len(rows), longest))
             signal[rows, :longest] = some[:, :longest]
         return signal
 
@@ -331,41 +321,3 @@ class Observed:
         covariance = np.exp(-np.abs(time[:, None] - time) / duration) * np.outer(weight, weight)
         variances, vectors = np.linalg.eigh(covariance)
         return SlowBasis(np.maximum(variances, 0.0), vectors)
-
-
-def _candidates(values: Values) -> str:
-    """Return a note on what was simulated when ``simulate`` raised."""
-    trials = len(next(iter(values.values())))
-    ends = []
-    for name, numbers in islice(values.items(), NOTED_NUMBERS):
-        low = float(numbers.min())
-        high = float(numbers.max())
-        ends.append(f"{name} {low:.6g}" + ("" if low == high else f" to {high:.6g}"))
-    more = ", ..." if len(values) > NOTED_NUMBERS else ""
-    return (
-        f"simulate raised this for a batch of {trials} trials with {', '.join(ends)}{more}; return "
-        "NaN for a trial that cannot be simulated, and the search leaves it out"
-    )
-
-
-def _simulated(
-    robot: RobotModel, values: Values, inputs: Any, fine: bool, least: tuple[int, int]
-) -> NDArray[Any]:
-    """Return what a robot's simulator does, of at ``least`` (trials, samples)."""
-    trials, samples = least
-    try:
-        with callers_errors():
-            given = robot.signal(values, inputs, fine)
-    except Exception as error:
-        error.add_note(_candidates(values))
-        raise
-    signal = np.ma.filled(given, np.nan) if masked(given) else as_array(given)
-    channels = len(robot.channels)
-    sound = signal.dtype.kind in "fiu" and signal.ndim == 3
-    if not (sound and signal[:, :samples].shape == (trials, samples, channels)):
-        raise ConfigurationError(
-            "simulate must return numbers of shape (trials, samples, channels) = "
-            f"({trials}, {samples} or more, {channels}); it returned {signal.dtype} of shape "
-            f"{signal.shape}"
-        )
-    return signal

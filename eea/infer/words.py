@@ -8,13 +8,14 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eea.core.angles import Floats
 from eea.infer.branch import Branch
 from eea.infer.design import moved_alone, would_not_show
 from eea.infer.mixture import Mixture
 from eea.infer.search import Optima
-from eea.infer.statement import Hypothesis, RobotModel
+from eea.infer.statement import TURNS, Hypothesis, RobotModel
 from eea.infer.unknowns import FIXED_PRECISION, Unknowns
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
@@ -59,6 +60,10 @@ def fits_of(branches: Sequence[Branch]) -> list[Fit]:
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 EVEN_ODDS = 3.0  # of two answers: with less the probabilities are not said
 LEAST_END_SDS = 1.5  # from the bound to a best fit outside of a range
+NEAR_TURN = 0.2  # of a turn
+LOUD_TURN = 0.05  # of a turn
+NEAR_UNIT = 0.2  # of a squared length of 1
+NEARLY_ALL = 0.9  # of the samples
 LOUD_JITTER = 0.1  # of the noise: intervals do not allow for as much
 
 
@@ -117,6 +122,76 @@ def at_end(parameters: Unknowns, entry: int, bound: float) -> str:
     value = parameters.robot.with_unit(name, float(parameters.natural(theta)[entry]), 4)
     where = f"{name} of trial {trial}" if trial else name
     return f"{where} is at the end of its range, {value}, and may be beyond it"
+
+
+def of_turns(optima: Optima) -> list[str]:
+    """Return a sentence on each angle that jumps by a whole turn, and does not say that it wraps.
+
+    It is asked of the log and of the best fit's simulation. Four channels whose sign changes at
+    once are a quaternion.
+    """
+    observed = optima.regression.observed
+    robot = optima.regression.parameters.robot
+    there = observed.there & np.roll(observed.there, 1, axis=1)
+    there[:, 0] = False
+    logs = observed.signal
+    simulated = optima.signal
+    said = []
+    for c, (name, unit) in enumerate(robot.channel_units.items()):
+        turn = TURNS.get(unit, math.inf)
+        if math.isfinite(robot.turns[c]) or math.isinf(turn):
+            continue
+        jumps = [
+            int((np.abs(_steps(signal, c)[there[:, :, c]] - turn) < NEAR_TURN * turn).sum())
+            for signal in (logs, simulated)
+        ]
+        if any(jumps):
+            said.append(
+                f"{name} jumps by a whole turn {jumps[0]} times in the log and {jumps[1]} times in "
+                f"the simulation: state its unit as '{unit}, wraps'"
+            )
+        elif _one_wraps(logs, simulated, c, turn):
+            said.append(
+                f"{name} ends at half a turn in the log or in the simulation, and goes on in the "
+                f"other: state its unit as '{unit}, wraps'"
+            )
+    names = list(robot.channels)
+    taken = {c for four in robot.quaternions for c in range(four.start, four.stop)}
+    for c in range(len(names) - 3):
+        four = slice(c, c + 4)
+        units: list[Floats] = [
+            np.abs((q[:, :, four] ** 2).sum(axis=2) - 1.0) for q in (logs, simulated)
+        ]
+        whole = np.asarray(observed.there[:, :, four].all(axis=2))
+        unit_length = any((one[whole] < NEAR_UNIT).mean() > NEARLY_ALL for one in units)
+        flips = [_flips(q[:, :, four], whole) for q in (logs, simulated)]
+        if unit_length and any(flips) and not taken & set(range(c, c + 4)):
+            said.append(
+                f"{', '.join(names[four])} change their sign at once {flips[0]} times in the log "
+                f"and {flips[1]} times in the simulation: where they are a quaternion, state their "
+                "unit as 'quaternion'"
+            )
+            break
+    return said
+
+
+def _one_wraps(logs: Floats, simulated: Floats, channel: int, turn: float) -> bool:
+    """Return whether an angle ends at half a turn in one signal (E, T, C), not in the other."""
+    apart = simulated[:, :, channel] - logs[:, :, channel]
+    loud = float(np.sqrt((apart**2).mean())) > LOUD_TURN * turn
+    ends = sorted(float(np.abs(one[:, :, channel]).max()) / turn for one in (logs, simulated))
+    return bool(loud and 0.5 - LOUD_TURN < ends[0] <= 0.5 < 0.5 + LOUD_TURN < ends[1])
+
+
+def _flips(signal: Floats, there: NDArray[np.bool_]) -> int:
+    """Return how often four channels (E, T, 4) change their sign from sample to sample."""
+    along = np.asarray((signal[:, 1:] * signal[:, :-1]).sum(axis=2))
+    return int((along[there[:, 1:]] < -0.5).sum())
+
+
+def _steps(signal: Floats, channel: int) -> Floats:
+    """Return the sizes (E, T) of a channel's steps from sample to sample; the first is 0."""
+    return np.abs(np.diff(signal[:, :, channel], axis=1, prepend=signal[:, :1, channel]))
 
 
 def of_simulator(optima: Optima) -> list[str]:

@@ -53,7 +53,7 @@ class Stranger:
     robot: Robot
     exact: Callable[[Values, Any], Any]
     noise: tuple[float, ...]
-    inputs: Callable[[np.random.Generator], Floats]
+    inputs: Callable[[np.random.Generator], Any]
     #: Where true values are drawn from; by default the stated range, a tenth from its ends.
     truth: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     whole: tuple[str, ...] = ()  #: Numbers whose true values are whole.
@@ -149,13 +149,15 @@ def _pendulum(rtol: float, atol: float) -> Callable[[Values, Floats], Floats]:
 
 def wave(values: Values, times: Floats) -> Floats:
     """Return a wave (B, T, 1) of a size and an angular frequency, rad/s."""
-    return (values["size"][:, None] * np.sin(values["frequency"][:, None] * times))[:, :, None]
+    height: Floats = values["size"][:, None] * np.sin(values["frequency"][:, None] * times)
+    return height[:, :, None]
 
 
 def decays(values: Values, times: Floats) -> Floats:
     """Return the sum (B, T, 1) of two decays."""
     one, other = (np.exp(-values[name][:, None] * times) for name in ("one", "other"))
-    return (one + other)[:, :, None]
+    charge: Floats = one + other
+    return charge[:, :, None]
 
 
 def thrusters(count: int) -> Callable[[Values, Floats], Floats]:
@@ -181,7 +183,8 @@ def _steps(count: int, hold: int, *shape: int) -> Callable[[np.random.Generator]
     """Return what draws ``count`` steps of thrust in [-1, 1], each held for ``hold`` of them."""
 
     def draw(rng: np.random.Generator) -> Floats:
-        return rng.uniform(-1.0, 1.0, (-(-count // hold), *shape)).repeat(hold, axis=0)[:count]
+        drawn: Floats = rng.uniform(-1.0, 1.0, (-(-count // hold), *shape))
+        return drawn.repeat(hold, axis=0)[:count]
 
     return draw
 

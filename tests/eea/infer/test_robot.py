@@ -178,16 +178,45 @@ def test_a_simulator_of_the_wrong_shape_is_refused(wrong, lengths):
     refused("simulate must return numbers of shape", lambda: infer(robot, trials))
 
 
-def test_a_simulator_that_raises_says_for_which_trials():
+def test_candidates_for_which_the_simulator_raises_are_left_out_and_named():
     def give_up(values, push):
         if (values["gain"] > 1.5).any():
             raise ArithmeticError("the solver did not converge")
         return roll(values, push)
 
+    trials = [measured(np.random.default_rng(0))]
+    found = infer(replace(SOUGHT, simulate=give_up), trials)
+    assert found.table()["gain"][0] == pytest.approx(
+        infer(SOUGHT, trials).table()["gain"][0], abs=1e-3
+    )
+    (said,) = [one for one in found.findings if "raised" in one]
+    assert re.search(
+        r"simulate raised for \d+ of \d+ candidates, which were left out; first ArithmeticError "
+        r"\(the solver did not converge\) at gain 1\.[5-9]\d*, drag ",
+        said,
+    )
+
+
+def test_a_simulator_that_always_raises_is_raised_with_a_candidate():
+    def give_up(*_):
+        raise ArithmeticError("the solver did not converge")
+
     with pytest.raises(ArithmeticError, match="the solver did not converge") as raised:
         infer(replace(SOUGHT, simulate=give_up), [measured(np.random.default_rng(0))])
     (note,) = raised.value.__notes__
-    assert re.search(r"a batch of \d+ trials with gain [\d.]+ to 1\.\d+, drag .* return NaN", note)
+    assert re.search(r"for each of \d+ trials; first at gain \S+, drag .* return NaN", note)
+
+
+def test_ctrl_c_passes_through_a_simulator_that_is_retried():
+    calls = []
+
+    def interrupted(_, push):
+        calls.append(len(push))
+        raise KeyboardInterrupt
+
+    with pytest.raises(TargetError, match="Ctrl-C ended the search before any simulation"):
+        infer(replace(SOUGHT, simulate=interrupted), [measured(np.random.default_rng(0))])
+    assert len(calls) == 1
 
 
 def test_masked_numbers_of_a_simulator_are_those_of_trials_that_failed():
@@ -235,7 +264,7 @@ def test_a_caller_that_raises_floating_point_errors_ends_no_inference(everywhere
 
 def test_what_is_raised_in_a_simulator_as_its_caller_asks_is_told():
     def divide(values, push):
-        return roll(values, push) / (values["gain"] > 1.5)[:, None, None]
+        return roll(values, push) / (values["gain"] > 9.0)[:, None, None]
 
     with np.errstate(all="raise"), pytest.raises(FloatingPointError) as raised:
         infer(replace(SOUGHT, simulate=divide), [measured(np.random.default_rng(0))])
@@ -253,11 +282,11 @@ def test_more_hypotheses_than_can_be_fitted_are_refused():
 
 
 def test_a_long_search_says_that_it_goes_on(monkeypatch):
-    monkeypatch.setattr("eea.infer.fit.SILENT_SECONDS", 0.0)
+    monkeypatch.setattr("eea.infer.simulating.SILENT_SECONDS", 0.0)
     said = []
     infer(CART, [measured(np.random.default_rng(0))], progress=said.append)
     assert "nothing is broken" in said
-    assert any(re.fullmatch(r"gain has changed, after \d+ simulated trials", s) for s in said)
+    assert any(re.fullmatch(r"gain has changed, \d+ simulations", s) for s in said)
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
