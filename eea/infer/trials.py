@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, all_of, brief, real_numbers, text
+from eea.core.checks import ConfigurationError, all_of, brief, real_numbers
 from eea.infer.simulating import simulated
 from eea.infer.statement import RobotModel, Values
 
@@ -140,8 +140,7 @@ class Trial:
     remarks: Sequence[str] = ()  #: Sentences on how the samples were made of a recorder's rows.
 
     def __post_init__(self) -> None:
-        for remark in self.remarks:
-            text("remarks", remark)
+        object.__setattr__(self, "remarks", all_of("remarks", self.remarks, str))
         signal = real_numbers("signal", self.signal)
         if signal.ndim != 2 or not np.isfinite(signal).any():
             raise ConfigurationError(

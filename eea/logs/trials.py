@@ -159,6 +159,8 @@ def read_trials(
             raise InvalidArgumentError("between must be None where a table has several trials")
         for table in tables:
             series, remarks = locate(table, quantities, columns)
+            begin = float(series[next(iter(channels))].time[0])
+            series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
             first = series[next(iter(channels))]
             _refuse_unknown_unit(table, columns, first)
             for span in _spans(first, series.get(TRIAL), parts, options.split_gap):
@@ -178,8 +180,13 @@ def _name(key: str) -> str:
 def _parts(between: Any) -> list[tuple[float, float]]:
     if between is None:
         return []
-    rows = np.atleast_2d(finite_array("between", between, np.shape(between), 0.0))
-    if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows) or (rows[:, 0] >= rows[:, 1]).any():
+    several = (
+        np.ndim(between) == 2
+        if isinstance(between, np.ndarray)
+        else isinstance(next(iter(sequence("between", between)), None), list | tuple | np.ndarray)
+    )
+    rows = finite_array("between", between, (None, 2) if several else (2,), 0.0).reshape(-1, 2)
+    if not len(rows) or (rows[:, 0] >= rows[:, 1]).any():
         raise InvalidArgumentError(
             "between must be two times, s, the second later, or several such pairs; got "
             f"{brief(between)}"
@@ -257,7 +264,7 @@ def _spans(
 ) -> Iterator[tuple[float, float]]:
     """Yield the times of the first and the last row of each trial, s."""
     refuse_holes(first, first.time, np.inf)
-    since = (first.time - first.time[0]).round(ROUNDED_DIGITS)
+    since = first.time.round(ROUNDED_DIGITS)
     for begin, end in parts or [(0.0, np.inf)]:
         time = first.time[(since >= begin) & (since <= end)]
         if not len(time):
@@ -293,7 +300,7 @@ def _trial(
     time = first.time[(first.time >= known[0]) & (first.time <= known[1])]
     if not len(time):
         raise InvalidArgumentError(
-            f"{first.label} must have rows from {begin:.6g} to {end:.6g} s of its clock at which "
+            f"{first.label} must have rows from {begin:.6g} to {end:.6g} s at which "
             f"{', '.join(inputs)} are known: do their clocks differ?"
         )
     for left, words in ((time[0] - begin, "first"), (end - time[-1], "last")):
@@ -350,7 +357,8 @@ def _known(one: Series, span: tuple[float, float], options: _Options) -> tuple[f
         refuse_holes(one, inside, longest)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(
-            f"{error}; if it is logged when it changes, longest_hold=inf"
+            f"{error}; if it is held that long, longest_hold={1.1 * np.diff(inside).max():.2g}; if "
+            "it is logged when it changes, longest_hold=inf"
         ) from None
     return max(begin, float(one.time[0])), min(end, float(one.time[-1]) + longest)
 

@@ -241,8 +241,11 @@ ROWS = [
     ),
     Call(
         Trial,
-        {"signal": np.zeros((4, 1)), "inputs": np.zeros(2)},
-        options(inputs="none, minus one, fraction, big, empty list, cube"),
+        {"signal": np.zeros((4, 1)), "inputs": np.zeros(2), "remarks": ()},
+        options(
+            inputs="none, minus one, fraction, big, empty list, cube",
+            remarks="empty list, list of text",
+        ),
     ),
     Call(
         Robot,

@@ -33,6 +33,7 @@ from eea import (
     known_body,
     load_posterior,
     read_log,
+    read_trials,
     save_posterior,
     watch_swim,
     write_log,
@@ -63,6 +64,20 @@ FIT: dict[str, Any] = {
     "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
 }  # fmt: skip
 ESTIMATE = MorphologyEstimate(CONFIG, 0, eea.fish_problem().models, belief=BELIEF)
+
+
+def read_rate(
+    path: Any, channels: Any, step: Any, between: Any, split_gap: Any, longest_hold: Any,
+    interpolate: Any, rate: Any,
+) -> object:  # fmt: skip
+    """Read trials, whose columns are any keywords."""
+    return read_trials(
+        path, channels, step=step, between=between, split_gap=split_gap, longest_hold=longest_hold,
+        interpolate=interpolate, rate=rate, trial="trial",
+    )  # fmt: skip
+
+
+read_rate.__qualname__ = "read_trials"
 ROWS = [
     Call(
         EngineTarget,
@@ -117,6 +132,19 @@ ROWS = [
         read_log,
         {"path": SWIM, "columns": None, "between": None},
         options(columns="none, empty mapping", between="none"),
+        words={"path": "log"},
+    ),
+    Call(
+        read_rate,
+        {
+            "path": SWIM, "channels": {"rate": "rad/s"}, "step": 0.01, "between": None,
+            "split_gap": 1.0, "longest_hold": 1.0, "interpolate": (),
+            "rate": "gyro_z",
+        },
+        options(
+            step="none, fraction, big", between="none", split_gap="fraction, infinity, big",
+            longest_hold="none, fraction, infinity, big", interpolate="none, empty list",
+        ),
         words={"path": "log"},
     ),
     Call(save_posterior, {"path": "posterior.npz", "belief": BELIEF}, options(path="text")),
