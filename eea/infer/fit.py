@@ -25,7 +25,7 @@ from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer, WarmStart
 from eea.infer.branch import Branch
-from eea.infer.goodness import LEAST_RELATIVE_RMS
+from eea.infer.goodness import LEAST_RELATIVE_RMS, of_rough_simulator
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.search import (
@@ -206,11 +206,14 @@ def fit(
         fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
     }
     dropped = (start.dropped | hopeless) - {robot.nominal.name}
+    goodness = optima[branches[0].hypothesis.name].goodness
+    if roughness is not None:
+        goodness = of_rough_simulator(goodness, roughness.jitter)
     if own:
         counter.release()
     return Answer(
         branches,
-        optima[branches[0].hypothesis.name].goodness,
+        goodness,
         best.sigma,
         0 if config.noise else observed.size,
         WarmStart(optima, frozenset(dropped), explained, counter.count, roughness),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -147,6 +147,23 @@ def goodness_of_fit(
         words = f"no {what} explains the log: {words}, which is {worst} ({how_sure})"
     good = p >= FALSE_ALARM_RATE and not loud
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
+
+
+LOUD_JITTER = 0.1  # of the noise: intervals do not allow for as much
+
+
+def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:
+    """Return the goodness of a fit whose simulator is rough by a share of the noise.
+
+    Errors of a solver are alike in all samples, and do not average out as noise does.
+    """
+    if not goodness.good or jitter <= LOUD_JITTER:
+        return goodness
+    words = (
+        f"the simulator jitters by {jitter:.1g} of the noise, too much for intervals: give it a "
+        f"smaller tolerance, or double precision (its best fit leaves {goodness.rms:.3g})"
+    )
+    return replace(goodness, good=False, verdict=words)
 
 
 def against_known_good(

@@ -64,7 +64,6 @@ NEAR_TURN = 0.2  # of a turn
 LOUD_TURN = 0.05  # of a turn
 NEAR_UNIT = 0.2  # of a squared length of 1
 NEARLY_ALL = 0.9  # of the samples
-LOUD_JITTER = 0.1  # of the noise: intervals do not allow for as much
 
 
 def several(branch: Branch) -> list[str]:
@@ -230,8 +229,6 @@ def of_simulator(optima: Optima) -> list[str]:
         ends = dict.fromkeys(f"{100.0 * step:.1g}%" for step in (steps.min(), steps.max()))
         words = f"simulate jitters by {rough.jitter:.1g} of the noise: derivatives use steps of "
         words += " to ".join(ends)
-        if rough.jitter > LOUD_JITTER:
-            words += "; the intervals may be too narrow"
         said.append(words)
     return said
 
