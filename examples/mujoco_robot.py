@@ -47,12 +47,11 @@ def swim(values: Any, actions: NDArray[Any]) -> NDArray[Any]:
     return observed
 
 
+STRENGTH = Number(0.0, 1.5, healthy=1.0)  # as a share of what it should be
 WEAKER = Number(mean=0.0, sd=0.5, high=0.0)
 SWIMMER = Robot(
     simulate=swim,
-    numbers=dict.fromkeys(
-        MOTORS, Number(0.0, 1.5, healthy=1.0)
-    )  # as a share of what they should be
+    numbers=dict.fromkeys(MOTORS, STRENGTH)
     | {"density": Number(4000.0, sd=100.0)}
     | {f"{name} at first": Number(0.0, sd=0.06, varies=True) for name in OBSERVED},
     channels=OBSERVED,

@@ -84,8 +84,8 @@ class Changes:
 def unknown_changes(log: SwimLog, trial: int, within: float) -> NDArray[np.bool_] | None:
     """Return in which rows (T,) of a trial a command is new since an unknown time.
 
-    The row before is more than ``within`` s earlier. None: the commands change in so many rows that
-    the readings do not tell when.
+    The row before is more than ``within`` s earlier. None: the commands change in too many rows
+    for the readings to tell when.
     """
     block = log.blocks[trial]
     new = np.append(False, (np.diff(log.commands[block], axis=0) != 0.0).any(axis=1))

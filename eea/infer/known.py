@@ -71,7 +71,7 @@ from eea.infer.branch import LEAST_SD
 from eea.infer.descent import Fitted, descend
 from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
 from eea.infer.misfit import COARSE, FINE, Regression
-from eea.infer.search import Optima, hop, pose
+from eea.infer.search import Optima, hop, improved, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
 from eea.infer.unknowns import FIXED_PRECISION, UNIFORM_PRECISION, Unknowns
@@ -421,13 +421,15 @@ def learn(
             f"{len(known_good)} logs, or the noise cannot be told; got {observed.size}"
         )
     noise = first_guess(robot, observed)
+    before: list[LogFit | None] = [None] * len(known_good)
     for _ in range(ROUNDS):
-        fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+        fits = _fit_each(whole, known_good, effort, noise, seed, before)
+        before = [*fits]
         noise = noise_left([one.optima for one in fits])
         whole = replace(whole, prior=_spread(fits, labels))
     later = _spread(fits, labels, ongoing, widened=True)
     whole = replace(whole, prior=_spread(fits, labels, widened=True))
-    fits = [_fitted(whole, log, effort, noise, seed) for log in known_good]
+    fits = _fit_each(whole, known_good, effort, noise, seed, before)
     misfits = np.array([_misfit(one.optima) for one in fits])
     said = contradictions(whole, [one.optima for one in fits], groups)
     said += only_rounding(noise, observed, robot)
@@ -461,12 +463,37 @@ class LogFit(NamedTuple):
     covariance: Floats  #: (k, k)
 
 
-def _fitted(robot: RobotModel, log: Trial, config: FitConfig, noise: Noise, seed: int) -> LogFit:
-    posterior = infer(robot, [log], seed, config, noise)
-    optima = posterior.best_fit
-    branch = posterior.branches[0]
-    parameters = branch.parameters
-    mode = branch.posterior.modes[0]
+def _fit_each(
+    robot: RobotModel,
+    logs: Sequence[Trial],
+    config: FitConfig,
+    noise: Noise,
+    seed: int,
+    before: Sequence[LogFit | None],
+) -> list[LogFit]:
+    """Return the fit of each log, searched for and also from the fit ``before``.
+
+    A search of few starts may end in another valley, whose numbers would pass for a spread.
+    """
+    return [
+        _fitted(robot, log, config, noise, seed, last)
+        for log, last in zip(logs, before, strict=True)
+    ]
+
+
+def _fitted(
+    robot: RobotModel,
+    log: Trial,
+    config: FitConfig,
+    noise: Noise,
+    seed: int,
+    before: LogFit | None,
+) -> LogFit:
+    optima = infer(robot, [log], seed, config, noise).best_fit
+    if before is not None:
+        optima = improved(optima, before.optima.fits.theta[:1])
+    parameters = optima.regression.parameters
+    mode = optima.mixture(optima).modes[0]
     sought = parameters.prior_precision < FIXED_PRECISION
     entries = np.flatnonzero(sought & ~parameters.circular)
     least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import t as student
 
 from cart import CART, PUSH, QUICK, SD, SOUGHT, measured, with_numbers
-from eea import Hypothesis, Number, Trial
+from eea import Hypothesis, Number, Robot, Trial
 from eea.core.checks import ConfigurationError
 from eea.infer.file import from_arrays, to_arrays
 
@@ -247,3 +247,47 @@ def test_known_good_logs_without_noise_are_said_to_have_none():
     found = ROBOT.learn(logs, config=EFFORT).findings
     assert any("is only rounding: by it any noise in a log counts as a change" in s for s in found)
     assert not any("rounding" in said for said in ROBOT.learn(known_good(rng)[0]).findings)
+
+
+def pendulum(values, torque):
+    """Return the gyroscopes (B, T, 1) of pendulums that torques (B, T) drive from rest."""
+    angle = values["angle"].copy()
+    rate = np.zeros(len(torque))
+    gyro = np.empty((*torque.shape, 1))
+    for step, push in enumerate(torque.T):
+        rate += 0.01 * (values["motor"] * push - 9.81 / values["length"] * np.sin(angle))
+        angle += 0.01 * rate
+        gyro[:, step, 0] = rate + values["bias"]
+    return gyro
+
+
+def test_a_search_that_ends_elsewhere_does_not_pass_for_a_spread():
+    """From near the top a pendulum has many valleys: one log in eight ended in a wrong one."""
+    robot = Robot(
+        pendulum,
+        {
+            "length": Number(0.2, 2.0),
+            "motor": Number(0.0, 2.0),
+            "bias": Number(0.0, sd=0.03),
+            "angle": Number.angle(),
+        },
+        {"gyro": "rad/s"},
+    )
+    rng = np.random.default_rng(1)
+
+    def record(samples=150, motor=1.0):
+        values = {"length": 0.63, "motor": motor, "bias": 0.02, "angle": rng.uniform(-3, 3)}
+        torque = 6.0 * np.sign(np.sin(0.05 * np.arange(samples)))
+        signal = pendulum({n: np.array([v]) for n, v in values.items()}, torque[None])[0]
+        signal += rng.normal(0.0, 0.05, signal.shape)
+        signal[rng.random(samples) < 0.1] = np.nan
+        return Trial(signal, torque)
+
+    for samples in (150, 100):  # the next log but one begins at 2.8 rad
+        record(samples)
+    known_good = [record(motor=motor) for motor in rng.normal(1.0, 0.03, 4).repeat(2)]
+    reference = robot.learn(known_good, sessions=[1, 1, 2, 2, 3, 3, 4, 4])
+    assert reference.misfits.max() < 1.5
+    prior = reference.robot.prior
+    assert prior.names == ("length", "motor", "bias")
+    assert (np.sqrt(np.diag(prior.covariance)) < [0.01, 0.03, 0.03]).all()
