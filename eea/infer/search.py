@@ -315,7 +315,9 @@ class Optima:
     @cached_property
     def signal(self) -> Floats:
         """The simulated signal (E, T, axes) of the best fit; where samples are missing, theirs."""
-        observed = replace(self.regression.observed, noise=None, weight=None)
+        observed = self.regression.observed
+        inside = np.arange(observed.signal.shape[1]) < np.array(observed.counts)[:, None]
+        observed = replace(observed, noise=None, weight=inside.astype(np.float64))
         plain = Regression(self.regression.parameters, observed, None)
         flat = plain.misfit(FINE).residuals(self.fits.theta[:1])[0]
         trials, samples, axes = observed.signal.shape

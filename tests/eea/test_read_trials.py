@@ -10,7 +10,7 @@ import pytest
 
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import Trial, read_trials
-from tests.eea.log_files import PULSE_TIME, PULSES, RATES, TIME, WRITERS, write_bin, write_mcap
+from tests.eea.log_files import PULSES, RATES, TIME, WRITERS, write_bin, write_mcap
 
 CHANNELS = {"roll rate": "rad/s", "yaw rate": "rad/s"}
 
@@ -201,11 +201,11 @@ def test_a_mistake_is_refused_with_the_nearest(mistake: str, tmp_path: Path) -> 
     assert "map" not in str(told.value)
 
 
-def test_a_pendulum_is_inferred_from_a_file(tmp_path: Path) -> None:
+def test_a_wheel_is_inferred_from_two_parts_of_a_file(tmp_path: Path) -> None:
     from eea import FitConfig, Number, Robot
 
     def spin(values: Any, inputs: Any) -> Any:
-        rate = np.zeros(len(inputs))
+        rate = values["at first"].copy()
         log = np.empty((*inputs.shape[:2], 1))
         for step in range(inputs.shape[1]):
             rate = rate + 0.01 * (values["gain"] * inputs[:, step, 0] - values["drag"] * rate)
@@ -214,19 +214,27 @@ def test_a_pendulum_is_inferred_from_a_file(tmp_path: Path) -> None:
 
     push = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 12), 50)
     true = {"gain": np.array([3.0]), "drag": np.array([1.5])}
-    seen = np.append(0.0, spin(true, push[None, :, None])[0, :, 0])
+    rest = {"at first": np.zeros(1)}
+    seen = np.append(0.0, spin(true | rest, push[None, :, None])[0, :, 0])
     seen += np.random.default_rng(1).normal(0.0, 0.01, len(seen))
     time = 0.01 * np.arange(len(seen))
     path = csv(tmp_path, time=time, gyro=np.rad2deg(seen), motor=np.append(push, 0.0))
     robot = Robot(
         simulate=spin,
-        numbers={"gain": Number(0.0, 10.0), "drag": Number(0.0, 5.0)},
+        numbers={
+            "gain": Number(0.0, 10.0),
+            "drag": Number(0.0, 5.0),
+            "at first": Number(0.0, sd=1.0, varies=True),
+        },
         channels={"gyro": "rad/s"},
     )
-    trials = read_trials(path, robot.channels, motor="motor", **{"gyro:deg/s": "gyro"})
+    columns = {"motor": "motor", "gyro:deg/s": "gyro"}
+    parts = [(0.0, 2.0), (2.0, 5.99)]  # of unequal lengths
+    trials = read_trials(path, robot.channels, between=parts, **columns)
+    assert [len(trial.signal) for trial in trials] == [200, 399]
     found = robot.infer(trials, config=FitConfig(bodies=16, descents=4, polished=2, restarts=0))
     assert found.good
+    assert found.findings == []
     for name, value in true.items():
         _, low, high = found.table(0.9)[name]
         assert low - 0.01 < value[0] < high + 0.01
-    assert len(PULSE_TIME) == len(PULSES)
