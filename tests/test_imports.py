@@ -77,10 +77,15 @@ def test_a_stub_has_the_names_that_are_imported_when_first_used(package: str) ->
     assert sorted(names) == sorted(lazy.__all__)
 
 
+# An answer makes what is known (``answer.known()``), and what is known an answer: deferred.
+VERBS = {"eea.infer.answer": {"eea.infer.known"}}
+
+
 def test_no_imports_form_a_cycle() -> None:
-    """Deferred and type-only imports included; the error names the cycle."""
+    """Deferred and type-only imports included but for VERBS; the error names the cycle."""
     graph = grimp.build_graph(*PACKAGES, *IN_A_CLONE, cache_dir=None)
     imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    imports = {name: found - VERBS.get(name, set()) for name, found in imports.items()}
     for package in LAZY:  # grimp reads no stubs
         imports[package] = imports[package] | {f"{package}.{line.module}" for line in stub(package)}
     TopologicalSorter(imports).prepare()

@@ -24,9 +24,10 @@ from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import LogWindows, Start, log_windows
 from eea.infer.answer import Answer
-from eea.infer.known import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
+from eea.infer.known import FALSE_ALARM_PROBABILITY, Known, Verdict, check_alarm
 from eea.infer.robot import Robot
 from eea.infer.search import Optima
+from eea.infer.trials import Observed
 
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it
 
@@ -148,7 +149,7 @@ class Watched(NamedTuple):
     """The tests of a swim, window by window."""
 
     time: Floats  #: (E,) end of each window, s of swimming since the record's beginning.
-    looks: tuple[WindowTest, ...]
+    looks: tuple[Verdict, ...]
     alarm: float  #: The probability of a false alarm in each window.
 
     @property
@@ -225,17 +226,21 @@ def watch_swim(
     if not windows.series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     sigma, samples = noise_now(belief, windows)
-    known = replace(belief, sigma=sigma, samples=samples)
-    detector = ChangeDetector(joint, known, alarm, seed)
+    belief = replace(belief, sigma=sigma, samples=samples)
+    check_alarm(alarm)
+    known = Known.of(belief, joint)
+    rng = np.random.default_rng(seed)
     finer = log_windows(log, True, WINDOW_SECONDS, within=CLOSEST_ROWS_SECONDS)
     joint = fish_robot(EngineSimulator(finer.steps, **simulator), finer)
-    doubting = ChangeDetector(joint, known, alarm, seed)
-    looks: list[WindowTest] = []
+    doubting = Known.of(belief, joint)
+    again = np.random.default_rng(seed)
+    looks: list[Verdict] = []
     for i, gyro in enumerate(windows.gyro):
-        weight = None if windows.weight is None else windows.weight[i]
-        looks.append(detector.look(np.array([i]), gyro, weight))
+        weight = None if windows.weight is None else windows.weight[i][None]
+        window = Observed(np.array([i]), gyro[None], weight)
+        looks.append(known.test(window, rng, alarm))
         if not looks[-1].same and finer.unknown(i) > windows.unknown(i):
-            looks[-1] = doubting.look(np.array([i]), gyro, weight)
+            looks[-1] = doubting.test(window, again, alarm)
         if progress is not None:
             progress(i + 1, len(windows.gyro))
         if until_noticed and not looks[-1].same:

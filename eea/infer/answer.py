@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eea.core.angles import Floats, wrap
-from eea.core.checks import TargetError, choice, instance, real, whole
+from eea.core.checks import ConfigurationError, TargetError, choice, instance, real, whole
 from eea.core.floating import own_errors
 from eea.core.result import handed_on
 from eea.infer.branch import INTERVAL_SAMPLES, Branch, mixed
@@ -32,6 +32,9 @@ from eea.infer.words import (
     several,
     unnoticed,
 )
+
+if TYPE_CHECKING:
+    from eea.infer.known import Known
 
 MAXIMUM_SAMPLES = 10**7
 
@@ -206,6 +209,31 @@ class Answer:
             If there is none, or one has other channels than the robot.
         """
         return prospects(self.best_fit, self.branches[0].hypothesis, trials)
+
+    def known(self, robot: RobotModel | None = None) -> Known:
+        """Return what is known of the robot from now on: of the most probable hypothesis.
+
+        Angles are left out, for they may have changed since.
+
+        Parameters
+        ----------
+        robot
+            The same robot with other numbers of each trial, such as one in mid-swim; None for that
+            of the trials.
+
+        Raises
+        ------
+        ConfigurationError
+            If no robot explains the trials, or several answers do alike: another trial must tell
+            them apart (:meth:`prospects`).
+        """
+        from eea.infer.known import Known
+
+        if not self.good:
+            raise ConfigurationError(f"an answer must be good to be known; got: {self.verdict}")
+        if said := several(self.branches[0]):
+            raise ConfigurationError(f"an answer must be one to be known; got: {said[0]}")
+        return Known.of(self, robot)
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (h,) of the intervals of a trial's hidden angles, rad.

@@ -62,7 +62,6 @@ class Branch:
         return replace(
             robot,
             numbers=numbers,
-            hypotheses=(),
             nominal=replace(robot.nominal, fixed=fixed, moves={}),
             prior=self.prior(),
         )

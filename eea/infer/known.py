@@ -1,22 +1,17 @@
-"""What logs that are known to be good tell of a robot, to judge later ones by.
+"""What is known of a robot, and whether a later log is of the same one.
 
-A robot that is whole is several robots: its numbers differ a little from log to log, and more from
-session to session, between which it is repaired (:mod:`eea.infer.known`).
-
-Change detection in a log: tests whether its windows still fit the posterior of the robot.
-
-Each window is fitted with the posterior as the prior, so that neither its unknown initial state nor
-the posterior's uncertainty counts as a change. For the same robot
+**A test.** A log is fitted with what is known as the prior, so that neither its unknown initial
+state nor the uncertainty of what is known counts as a change. For the same robot
 
     2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square,
 
-with as many degrees of freedom as the window has samples, minus the hidden angles, which have no
-prior. The true number is slightly smaller, since initial states vary less than their priors. Where
-sigma was estimated from N samples, the statistic has an F distribution.
+with as many degrees of freedom as the log has samples, minus the angles, which have no prior. The
+true number is slightly smaller, since initial states vary less than their priors. Where sigma was
+estimated from N samples, the statistic has an F distribution.
 
-Numbers that differ between groups and within them: where those of a new group lie.
-
-The numbers x of member i in group s are ::
+**Logs that are known to be good.** A robot that is whole is several robots: its numbers differ a
+little from log to log, and more from session to session, between which it is repaired. The numbers
+x of member i in group s are ::
 
     x[s, i] = mean + between[s] + within[s, i]
 
@@ -25,17 +20,10 @@ and a new member of a new group lies about the mean of the n groups with the var
 variance (1 + 1/m) within. Few groups, or members, tell little of their spread: it is Student's t,
 for which a normal distribution of the same 90% interval stands.
 
-Follows a robot's numbers through a log, window by window, and tells when one has changed.
-
-What is known is a normal distribution of the shares of all common numbers. At first it has the mean
-and the spread of their ranges. A window's best fit, with that as its prior, and the information
-there are what is known next. The test of a window is ::
-
-    2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square
-
-if the numbers are as they were and the noise is white and as loud as stated. A window that fails
-the test is left out: something may have changed in its midst. If the next one fails, too, the
-robot's hypotheses are weighed by it.
+**Following.** Window by window of a log, what is known is a normal distribution of the shares of
+all common numbers. A window's best fit, with that as its prior, and the information there are what
+is known next. A window that fails the test is left out: something may have changed in its midst. If
+the next one fails, too, the robot's hypotheses are weighed by it.
 """
 
 from __future__ import annotations
@@ -44,7 +32,7 @@ import numbers
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +58,7 @@ from eea.infer.answer import Answer
 from eea.infer.branch import LEAST_SD
 from eea.infer.descent import Fitted, descend
 from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
-from eea.infer.misfit import COARSE, FINE, Regression
+from eea.infer.misfit import COARSE, FINE, Regression, Roughness
 from eea.infer.search import Optima, hop, improved, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
@@ -136,12 +124,13 @@ POSE_SCANS = 6  # scans that share the random starts
 LOUD_FACTOR = 10.0  # of the noise in the last search
 
 
-class WindowTest(NamedTuple):
-    """The test of one window."""
+class Verdict(NamedTuple):
+    """Whether a log is of the same robot."""
 
-    p: float  #: The p-value of the fit, if the robot is the same.
-    same: bool  #: Whether it is at least the probability of a false alarm.
-    excess: float  #: The cost relative to its mean for the same robot.
+    p: float  #: The chance that a log of the same robot fits as badly.
+    same: bool  #: Whether it is at least the rate of false alarms.
+    #: How badly it fits, over what is usual for the same robot: about 1 if it is the same.
+    excess: float
 
 
 def check_alarm(alarm: float) -> None:
@@ -149,86 +138,54 @@ def check_alarm(alarm: float) -> None:
     real("alarm", alarm, LEAST_FALSE_ALARM_PROBABILITY, 1.0)
 
 
-class ChangeDetector:
-    """Tests windows of a swim against a posterior, each by itself.
+def test_near_prior(
+    window: Regression,
+    sigma: float,
+    samples: int,
+    alarm: float,
+    rng: np.random.Generator,
+) -> Verdict:
+    """Return whether a trial fits what is known, from ever more random initial states.
 
-    Parameters
-    ----------
-    robot
-        The robot in mid-swim, with numbers of each trial for the initial state. Its others
-        take their posterior from ``belief``, by name.
-    belief
-        The posterior. Its most probable hypothesis is used.
-    alarm
-        Probability of a false alarm in each window.
-    seed
-        Seed of the starting points.
+    ``sigma`` is the noise's standard deviation, estimated from a number of ``samples``, 0 where it
+    is known.
     """
+    angles = len(window.parameters.angle_entries(0))
+    freedom = max(window.observed.size - angles, 1)
+    best: Fitted | None = None
+    for effort in START_COUNTS:
+        found = fit_near_prior(window, sigma, effort, rng)
+        best = found if best is None or found.cost[0] < best.cost[0] else best
+        verdict = _judged(float(best.cost[0]), freedom, samples, alarm)
+        if verdict.p >= max(EXAMINED_P_VALUE, alarm):
+            return verdict
+    if verdict.same or best is None:
+        return verdict
+    return _judged(_cost_elsewhere(window, best, sigma, rng), freedom, samples, alarm)
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        belief: Answer,
-        alarm: float = FALSE_ALARM_PROBABILITY,
-        seed: int = 0,
-    ) -> None:
-        check_alarm(alarm)
-        whole("seed", seed, 0)
-        self.alarm = alarm
-        self._rng = np.random.default_rng(seed)
-        self._sigma = belief.sigma
-        self._samples = belief.samples
-        best = belief.branches[0]
-        names = [name for name in robot.names if best.parameters.has(name)]
-        groups = {robot.table[name].group for name in names}
-        self._one = Unknowns.of(best.known(robot), 1, groups)
 
-    @own_errors
-    def look(
-        self, inputs: NDArray[Any], signal: Floats, weight: Floats | None = None
-    ) -> WindowTest:
-        """Test one window with inputs (1, ...) and a finite signal (T, axes).
+def _judged(cost: float, freedom: int, samples: int, alarm: float) -> Verdict:
+    """Return the verdict on a trial whose best fit has a cost."""
+    ratio = 2.0 * cost / freedom
+    p = float(f.sf(ratio, freedom, samples) if samples else chi2.sf(ratio * freedom, freedom))
+    return Verdict(p, p >= alarm, ratio)
 
-        ``weight`` (T,) holds the weights of its samples; see :class:`eea.infer.trials.Observed`.
-        """
-        signal = finite("signal", signal, (None, len(self._one.robot.channels)))
-        observed = Observed(inputs, signal[None], None if weight is None else weight[None])
-        angles = len(self._one.angle_entries(0))
-        freedom = observed.size - angles
-        window = Regression(self._one, observed, self._sigma)
-        best: Fitted | None = None
-        for effort in START_COUNTS:
-            found = fit_near_prior(window, self._sigma, effort, self._rng)
-            best = found if best is None or found.cost[0] < best.cost[0] else best
-            test = self._tested(float(best.cost[0]), freedom)
-            if test.p >= max(EXAMINED_P_VALUE, self.alarm):
-                return test
-        if test.same or best is None:
-            return test
-        return self._tested(self._cost_elsewhere(window, best), freedom)
 
-    def _tested(self, cost: float, freedom: int) -> WindowTest:
-        """Return the test of a window whose best fit has a cost."""
-        ratio = 2.0 * cost / freedom
-        if self._samples:
-            p = float(f.sf(ratio, freedom, self._samples))
-        else:
-            p = float(chi2.sf(ratio * freedom, freedom))
-        return WindowTest(p, p >= self.alarm, ratio)
+def _cost_elsewhere(
+    window: Regression, best: Fitted, sigma: float, rng: np.random.Generator
+) -> float:
+    """Return the least cost also from other valleys of the initial state.
 
-    def _cost_elsewhere(self, window: Regression, best: Fitted) -> float:
-        """Return the least cost also from other valleys of the initial state.
-
-        The less noise, the more starts end in a wrong valley, whose misfit would count as a change.
-        Louder noise leads to others.
-        """
-        (rng,) = self._rng.spawn(1)  # which leaves later windows their starts
-        loud = LOUD_FACTOR * self._sigma
-        smooth = fit_near_prior(replace(window, noise=loud), loud, START_COUNTS[1], rng)
-        fine = window.misfit(FINE)
-        starts = [hop(window, best.theta[0], self._sigma, rng), smooth.theta]
-        elsewhere = descend(fine, np.concatenate(starts), self._sigma, 40, 1e-6)
-        return float(min(best.cost[0], elsewhere.cost.min()))
+    The less noise, the more starts end in a wrong valley, whose misfit would count as a change.
+    Louder noise leads to others.
+    """
+    (rng,) = rng.spawn(1)  # which leaves later windows their starts
+    loud = LOUD_FACTOR * sigma
+    smooth = fit_near_prior(replace(window, noise=loud), loud, START_COUNTS[1], rng)
+    fine = window.misfit(FINE)
+    starts = [hop(window, best.theta[0], sigma, rng), smooth.theta]
+    elsewhere = descend(fine, np.concatenate(starts), sigma, 40, 1e-6)
+    return float(min(best.cost[0], elsewhere.cost.min()))
 
 
 def fit_near_prior(
@@ -313,24 +270,36 @@ LEARNING_CONFIG = FitConfig(
 ROUNDS = 6  # of fits to all logs, each with the noise and the spread of the one before
 
 
-class Look(NamedTuple):
-    """How well a log fits the robot as it was."""
-
-    p: float  #: The chance that a known-good log fits as badly, or has numbers as far away.
-    same: bool  #: Whether it is at least the rate of false alarms.
-    misfit: float  #: The mean square of what the best fit leaves, over the noise's.
-
-
 @dataclass(frozen=True, eq=False)
-class Reference:
-    """A robot as its known-good logs showed it; made by :meth:`Robot.learn`."""
+class Known:
+    """What is known of a robot: from an answer, from logs that are known to be good, or stated.
 
-    robot: RobotModel  #: With what was learned as its prior.
-    noise: Noise  #: Of each channel.
-    misfits: Floats  #: (n,) of the known-good logs, as in :class:`Look`.
-    #: Sentences on ``healthy`` values that the known-good logs contradict, and on channels
-    #: without noise.
-    findings: tuple[str, ...] = ()
+    :meth:`Answer.known`, :meth:`Robot.learn` and ``Known(robot, noise)`` make one.
+    """
+
+    robot: RobotModel  #: With what is known as its prior.
+    noise: Noise | None  #: Of each channel; None where all have ``sigma``.
+    sigma: float = 1.0  #: Times the channels' noise, or the noise of all, in the signal's unit.
+    samples: int = 0  #: Number of samples behind ``sigma``; 0 where it is known.
+    #: (n,) mean squares of what the best fits of known-good logs left, over the noise's: by these
+    #: later logs are judged. None: by whether a log leaves noise alone.
+    misfits: Floats | None = None
+    findings: tuple[str, ...] = ()  #: Sentences on what later answers depend on, their last ones.
+    groups: frozenset[str] | None = None  #: The groups of numbers that are inferred; None for all.
+
+    @classmethod
+    def of(cls, answer: Answer, robot: RobotModel | None = None) -> Known:
+        """Return what an answer's most probable hypothesis tells; see :meth:`Answer.known`."""
+        best = answer.branches[0]
+        robot = answer.robot if robot is None else robot
+        names = [name for name in robot.names if best.parameters.has(name)]
+        return cls(
+            best.known(robot),
+            answer.noise,
+            answer.sigma,
+            answer.samples,
+            groups=frozenset(robot.table[name].group for name in names),
+        )
 
     def infer(
         self,
@@ -341,20 +310,73 @@ class Reference:
     ) -> Answer:
         """Return what has changed since; see :func:`eea.infer.fit.infer`.
 
-        A log counts as explained if known-good logs are explained as badly. The reference's own
-        findings are the last of the answer.
+        Where the robot was learned from logs, a log counts as explained if these are explained as
+        badly. The findings here are the last of the answer.
         """
-        found = infer(self.robot, trials, seed, config, self.noise, self.misfits, progress)
-        return replace(found, caveats=self.findings)
+        found = infer(self.robot, trials, seed, config, self.channel_noise, self.misfits, progress)
+        return replace(found, caveats=(*found.caveats, *self.findings))
 
     @own_errors
-    def watch(self, log: Trial, seed: int = 0, alarm: float = FALSE_ALARM_RATE) -> Look:
-        """Return whether the robot as it was explains a log, at a rate of false alarms."""
-        real("alarm", alarm, 0.0, 1.0)
-        whole = replace(self.robot, hypotheses=())
-        fitted = infer(whole, [log], seed, LEARNING_CONFIG, self.noise, self.misfits)
-        p = fitted.goodness.p
-        return Look(p, p >= alarm, _misfit(fitted.best_fit))
+    def test(
+        self,
+        log: Trial | Observed,
+        seed: int | np.random.Generator = 0,
+        alarm: float = FALSE_ALARM_RATE,
+    ) -> Verdict:
+        """Return whether a log is of the same robot, at a rate of false alarms.
+
+        The log's own numbers are fitted. Where the robot was learned from logs, the log is judged
+        by these, else by whether it leaves noise alone (the head of this file has the statistic).
+
+        Raises
+        ------
+        ConfigurationError
+            If the log has other channels than the robot, or ``alarm`` is no rate.
+        TargetError
+            If no simulation stays finite.
+        """
+        check_alarm(alarm)
+        if self.misfits is not None:
+            whole = replace(self.robot, hypotheses=())
+            instance("log", log, Trial)
+            assert isinstance(log, Trial)
+            noise = self.channel_noise
+            fitted = infer(whole, [log], _whole_seed(seed), LEARNING_CONFIG, noise, self.misfits)
+            p = fitted.goodness.p
+            usual = float(np.exp(np.log(self.misfits).mean()))
+            return Verdict(p, p >= alarm, _misfit(fitted.best_fit) / usual)
+        rng = np.random.default_rng(seed)
+        robot = replace(self.robot, hypotheses=())
+        groups = robot.groups if self.groups is None else self.groups
+        one = Unknowns.of(robot, 1, groups)
+        observed = Observed.of([log], robot) if isinstance(log, Trial) else log
+        finite("signal", observed.signal, (1, None, len(robot.channels)))
+        observed = replace(observed, noise=self.noise)
+        window = Regression(one, observed, self.sigma)
+        return test_near_prior(window, self.sigma, self.samples, alarm, rng)
+
+    def follow(
+        self,
+        alarm: float = FALSE_ALARM_RATE,
+        drift: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> Follower:
+        """Return what follows the numbers from here through a log; see :class:`Follower`."""
+        robot = replace(self.robot, prior=None)
+        return Follower(robot, self.channel_noise, alarm, drift, seed, self.robot.prior)
+
+    @property
+    def channel_noise(self) -> Noise:
+        """The noise of each channel."""
+        if self.noise is not None:
+            return Noise(self.sigma * self.noise.sd, self.noise.correlation)
+        channels = len(self.robot.channels)
+        return Noise(np.full(channels, self.sigma), np.zeros(channels))
+
+
+def _whole_seed(seed: int | np.random.Generator) -> int:
+    """Return a seed, or one that a generator draws."""
+    return seed if isinstance(seed, int) else int(seed.integers(2**32))
 
 
 @own_errors
@@ -365,7 +387,7 @@ def learn(
     seed: int = 0,
     config: FitConfig | None = None,
     ongoing: object = None,
-) -> Reference:
+) -> Known:
     """Return what known-good logs tell: the robot as it was, its spread, and its noise.
 
     Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Healthy
@@ -433,7 +455,7 @@ def learn(
     misfits = np.array([_misfit(one.optima) for one in fits])
     said = contradictions(whole, [one.optima for one in fits], groups)
     said += only_rounding(noise, observed, robot)
-    return Reference(replace(robot, prior=later), noise, misfits, tuple(said))
+    return Known(replace(robot, prior=later), noise, misfits=misfits, findings=tuple(said))
 
 
 def _labels(sessions: Sequence[object] | None, count: int) -> list[object]:
@@ -575,6 +597,8 @@ class Follower:
         its unit. Without it the intervals shrink forever, and a slow change raises the alarm.
     seed
         Of random starting points.
+    known
+        What is known before the first window; None for the ranges.
 
     Raises
     ------
@@ -610,6 +634,7 @@ class Follower:
         alarm: float = FALSE_ALARM_RATE,
         drift: Mapping[str, float] | None = None,
         seed: int = 0,
+        known: Prior | None = None,
     ) -> None:
         instance("robot", robot, RobotModel)
         check_alarm(alarm)
@@ -626,6 +651,7 @@ class Follower:
         self._seed = seed
         self._known: Prior | None = None
         self._doubted = False  # whether the window before raised an alarm
+        self._roughness: Roughness | None = None  # of the simulator
         plain = Unknowns.of(replace(robot, hypotheses=(), prior=None), 1, robot.groups)
         self._names = [plain.names[i] for i in plain.common_entries()]
         drift = {} if drift is None else drift
@@ -636,6 +662,8 @@ class Follower:
         steps = [drift.get(name, 0.0) for name in self._names]
         spans = [high - low for low, high in map(self._ends, self._names)]
         self._wander = np.diag((np.array(steps) / np.array(spans)) ** 2)
+        if known is not None:
+            self._known = self._begun(known)
 
     @own_errors
     def update(self, window: Trial) -> Followed:
@@ -713,16 +741,32 @@ class Follower:
         covariance = np.asarray(np.linalg.inv(precision), np.float64)
         return Prior(tuple(self._names), plain.prior_mean[entries], covariance)
 
+    def _begun(self, known: Prior) -> Prior:
+        """Return what is known of the numbers that are followed; of others, what the ranges say."""
+        plain = self._ignorance()
+        mean = plain.mean.copy()
+        covariance = plain.covariance.copy()
+        here = [i for i, name in enumerate(self._names) if name in known.names]
+        there = [known.names.index(self._names[i]) for i in here]
+        mean[here] = known.mean[there]
+        covariance[here] = 0.0
+        covariance[:, here] = 0.0
+        covariance[np.ix_(here, here)] = known.covariance[np.ix_(there, there)]
+        return Prior(plain.names, mean, covariance)
+
     def _first(self, window: Trial) -> Followed:
         """Return what is known after the first window, which is searched as any trial is.
 
-        One that nothing explains is left out, and the next one is the first.
+        One that nothing explains, or that two answers explain alike, is left out, and the next one
+        is the first.
         """
         plain = replace(self._robot, hypotheses=())
         found = infer(plain, [window], self._seed, noise=self._noise)
         p = found.goodness.p
         alarm = p < self._alarm
-        if not alarm:
+        assert found.warm_start is not None
+        self._roughness = found.warm_start.roughness
+        if not alarm and not len(found.branches[0].ambiguous):
             optima = found.best_fit
             before = self._ignorance()
             self._known = self._after(optima.regression, optima.fits.theta[0], before)
@@ -734,7 +778,7 @@ class Follower:
         robot = replace(self._robot, hypotheses=(), prior=known)
         parameters = Unknowns.of(robot, 1, robot.groups)
         observed = replace(Observed.of([window], robot), noise=self._noise)
-        return Regression(parameters, observed, 1.0)
+        return Regression(parameters, observed, 1.0, roughness=self._roughness)
 
     def _entries(self, parameters: Unknowns) -> NDArray[np.intp]:
         """Return which entries are the numbers that are followed."""

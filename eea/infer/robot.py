@@ -11,7 +11,7 @@ from eea.infer.statement import RobotModel
 if TYPE_CHECKING:  # they load scipy, and a statement needs none
     from eea.infer.answer import Answer
     from eea.infer.density import LogDensity
-    from eea.infer.known import Follower, Reference
+    from eea.infer.known import Follower, Known
     from eea.infer.trials import Noise, Trial
 
 
@@ -109,7 +109,7 @@ class Robot(RobotModel):
         seed: int = 0,
         config: FitConfig | None = None,
         ongoing: object = None,
-    ) -> Reference:
+    ) -> Known:
         """Return what logs that are known to be good tell; see :func:`eea.infer.known.learn`.
 
         ``sessions`` label the logs' sessions, in their order: a session, or build, is a time in

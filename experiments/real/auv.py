@@ -25,7 +25,7 @@ from scipy.stats import norm
 
 from aquafish_gym.runs.progress import track
 from eea import FitConfig, Hypothesis, Number, Robot, Trial
-from eea.infer.known import Reference
+from eea.infer.known import Known
 from eea.infer.statement import Values
 from experiments.real.haizhe import CONDITIONS, RATE_HZ, Floats, Swim, read_swims, sessions
 from experiments.real.rotor_line import Rotor, Spectra, find_rotor, learn_spectrum, spectra
@@ -118,14 +118,14 @@ def _within(values: Floats, session: Labels) -> Floats:
     return np.asarray(values - means[index])
 
 
-def learn(known: Floats, session: Labels) -> Reference:
+def learn(known: Floats, session: Labels) -> Known:
     """Return what healthy swims tell, given ``NUMBERS`` (K, 3) and the session (K,) of each."""
     logs = [Trial(known[session == label]) for label in np.unique(session)]
-    reference: Reference = AUV.learn(logs, config=CONFIG)
+    reference: Known = AUV.learn(logs, config=CONFIG)
     return reference
 
 
-def evidence(reference: Reference, numbers: Floats) -> Floats:
+def evidence(reference: Known, numbers: Floats) -> Floats:
     """Return the evidence (4,) of each of ``CALLED``, given ``NUMBERS`` (3,) of one swim.
 
     At equal odds they are the probabilities; what is most improbable has 0.
@@ -222,7 +222,7 @@ def auv_table(data: Path, seed: int = 0) -> dict[str, Any]:
     }
 
 
-def called(reference: Reference, numbers: Floats, condition: Labels) -> Floats:
+def called(reference: Known, numbers: Floats, condition: Labels) -> Floats:
     """Return how many swims of each condition are called what (odds, conditions, ``CALLED``)."""
     counts = np.zeros((len(ODDS), len(CONDITIONS), len(CALLED)))
     odds_of_nothing = np.array(ODDS)
@@ -240,7 +240,7 @@ def summary(shares: Floats) -> dict[str, float]:
     return {**dict(zip(names, right[1:], strict=True)), "false_alarms": 1.0 - right[0]}
 
 
-def _drawn(reference: Reference, numbers: Floats, condition: Labels) -> dict[str, Any]:
+def _drawn(reference: Known, numbers: Floats, condition: Labels) -> dict[str, Any]:
     """Return what the picture shows of swims."""
     return {
         "numbers": {
@@ -251,11 +251,11 @@ def _drawn(reference: Reference, numbers: Floats, condition: Labels) -> dict[str
     }
 
 
-def healthy_interval(reference: Reference, share: float) -> Floats:
+def healthy_interval(reference: Known, share: float) -> Floats:
     """Return the interval (3, 2) of each of ``NUMBERS`` that holds a share of healthy swims."""
     prior = reference.robot.prior
     assert prior is not None  # which was learned
     centre = AUV.low + AUV.span * prior.mean
-    sd = np.hypot(AUV.span * np.sqrt(np.diag(prior.covariance)), reference.noise.sd)
+    sd = np.hypot(AUV.span * np.sqrt(np.diag(prior.covariance)), reference.channel_noise.sd)
     ends: Floats = centre[:, None] + sd[:, None] * np.array(norm.interval(share))
     return ends

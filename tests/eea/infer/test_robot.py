@@ -256,7 +256,7 @@ def test_a_caller_that_raises_floating_point_errors_ends_no_inference(everywhere
         assert found.broken("gain")
         found.prospects({"again": known_good[0]})
         reference = replace(robot.without_healthy(), hypotheses=()).learn(known_good, config=QUICK)
-        assert reference.watch(known_good[0]).same
+        assert reference.test(known_good[0]).same
         follower = robot.without_healthy().follow({"rate": 0.05, "force": 5e4})
         assert not any(follower.update(one).alarm for one in known_good)
         assert np.geterr()["under"] == ("raise" if everywhere else "warn")

@@ -1,0 +1,115 @@
+"""What is known of a robot, however it came to be known: asked the same questions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from cart import CART, QUICK, SD, SOUGHT, measured, with_numbers
+from eea import Hypothesis, Number, Robot, Trial
+from eea.core.checks import ConfigurationError
+from eea.infer.known import Known
+
+NOISE = dict(zip(CART.channels, SD, strict=True))
+HEAVIER = Hypothesis("it is heavier", moves={"gain": Number(mean=0.0, sd=0.3, low=0.0)}, odds=0.1)
+ROBOT = replace(SOUGHT, hypotheses=[HEAVIER])
+
+
+def from_answer():
+    logs = [measured(np.random.default_rng(seed)) for seed in range(3)]
+    return SOUGHT.infer(logs, config=QUICK, noise=NOISE).known(ROBOT)
+
+
+def from_logs():
+    return ROBOT.learn([measured(np.random.default_rng(seed)) for seed in range(20, 30)])
+
+
+def from_statement():
+    fixed = {"gain": Number(0.0, 2.0, healthy=1.0), "drag": Number(0.0, 2.0, healthy=1.0)}
+    robot = replace(with_numbers(ROBOT, **fixed), hypotheses=[HEAVIER])
+    return Known(robot, SOUGHT.infer([measured(np.random.default_rng(0))], config=QUICK).noise)
+
+
+WAYS = pytest.mark.parametrize("way", [from_answer, from_logs, from_statement])
+
+
+@WAYS
+def test_a_log_of_the_same_robot_is_the_same_and_of_another_is_not(way):
+    known = way()
+    for seed in range(3):
+        verdict = known.test(measured(np.random.default_rng(100 + seed)))
+        assert verdict.same
+        assert 0.5 < verdict.excess < 2.0
+    other = known.test(measured(np.random.default_rng(200), gain=1.6))
+    assert not other.same
+    assert other.excess > 2.0 or other.p < 1e-6
+
+
+@WAYS
+def test_what_has_changed_since_is_inferred(way):
+    known = way()
+    found = known.infer([measured(np.random.default_rng(300), gain=1.3)], config=QUICK)
+    assert found.probability("it is heavier") > 0.99
+    _, low, high = found.broken("gain")
+    assert low < 1.3 < high < low + 0.1
+    same = known.infer([measured(np.random.default_rng(301))], config=QUICK)
+    assert same.probability("it is heavier") < 0.2
+
+
+@pytest.mark.parametrize("way", [from_answer, from_logs])
+def test_numbers_are_followed_from_what_is_known(way):
+    known = way()
+    follower = known.follow()
+    before = follower.table()["gain"]
+    for seed in range(4):
+        assert not follower.update(measured(np.random.default_rng(400 + seed))).alarm
+    low, high = follower.table()["gain"][1:]
+    assert low < 1.0 < high
+    assert high - low < before[2] - before[1]
+    follower.update(measured(np.random.default_rng(500), gain=1.4))
+    named = follower.update(measured(np.random.default_rng(501), gain=1.4))
+    assert named.alarm
+    assert named.findings[0].startswith("it is heavier (")
+
+
+def test_the_chance_is_uniform_where_the_robot_is_the_same():
+    """Of an answer with its uncertainty: the noise is known, so the statistic is chi-square."""
+    rng = np.random.default_rng(7)
+    p = []
+    for _ in range(60):
+        known = SOUGHT.infer([measured(rng)], config=QUICK, noise=NOISE).known()
+        p.append(known.test(measured(rng)).p)
+    assert kstest(p, "uniform").pvalue > 0.01
+
+
+def test_a_number_that_has_changed_stays_changed():
+    broken = replace(CART, hypotheses=[HEAVIER])
+    found = broken.infer([measured(np.random.default_rng(8), gain=1.4)], config=QUICK, noise=NOISE)
+    known = found.known()
+    assert known.test(measured(np.random.default_rng(9), gain=1.4)).same
+    assert not known.test(measured(np.random.default_rng(10))).same
+
+
+def test_an_answer_that_no_robot_explains_or_two_explain_is_not_known():
+    bad = SOUGHT.infer([measured(np.random.default_rng(0), sd=(0.0, 0.0)),
+                        measured(np.random.default_rng(0), sd=(0.0, 0.0), gain=1.7)],
+                       config=QUICK, noise=NOISE)  # fmt: skip
+    with pytest.raises(ConfigurationError, match="an answer must be good to be known"):
+        bad.known()
+    times = 0.1 * np.arange(1.0, 61.0)
+    wave = Robot(
+        lambda values, times: np.sin(values["g"][:, None] ** 2 * times)[:, :, None],
+        {"g": Number(-2.0, 2.0)},
+        {"signal": "V"},
+    )
+    signal = np.sin(1.14**2 * times) + np.random.default_rng(0).normal(0.0, 0.1, 60)
+    found = wave.infer([Trial(signal[:, None], times)])
+    with pytest.raises(ConfigurationError, match="must be one to be known; got: two values of g"):
+        found.known()
+    followed = wave.follow({"signal": 0.1}).update(Trial(signal[:, None], times))
+    assert any("two values of g" in said for said in followed.findings)
+    low, high = followed.table["g"][1:]
+    assert low < -1.5 < 1.5 < high  # not one of the two
