@@ -30,9 +30,11 @@ from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.search import (
     Optima,
+    agreed,
     as_they_are,
     halved,
     improved,
+    polished,
     pose,
     search,
     settled,
@@ -263,6 +265,8 @@ def _optimize(
 
     ``once``: one scan without restarts, because no robot explained the earlier trials. Alternatives
     get one scan, too. Later rounds halve their descents, because most alternatives are wrong.
+    A few descents come first: if all end in one optimum that leaves nothing but noise, they are the
+    search.
     """
     parameters = regression.parameters
     trials = len(regression.observed)
@@ -273,8 +277,13 @@ def _optimize(
         for trial in range(len(earlier.regression.observed), trials):
             entries = parameters.own_entries(trial)
             starts[:, entries] = posed[:, entries]
+        if earlier.alone and len(earlier.regression.observed) == trials:
+            return replace(polished(regression, starts), alone=True)  # only the noise differs
     if plain is None:
-        return search(regression, rng, config, starts, once)
+        before = agreed(regression, rng, config) if starts is None else None
+        if before is not None and before.goodness.good:
+            return before
+        return search(regression, rng, config, starts, once, before=before)
     as_commanded = carried_over(plain, parameters)
     # Where no robot explains the trials, the searches of worse hypotheses are not completed.
     rival = np.inf if plain.goodness.good else _least(plain)

@@ -253,6 +253,8 @@ def _along(
 CLOSE_COST = 10.0  # optima with a cost higher by this have under 1/20,000 of the best's weight
 MAXIMUM_HOPS = 3  # rounds of hops from the best optimum
 FIRST_ITERATIONS = 8  # then the worse half of the starting points is dropped
+MEETING_ITERATIONS = 4  # then descents that have met go on as one
+LEAST_AGREED = 3  # descents that tell that there is one optimum
 SAME_OPTIMUM_DISTANCE = 1e-3  # share of a range, or rad; closer optima are one
 # Share of a range. Bodies that differ by more in a size are kept beside a better one.
 VALLEY_SIZE_DIFFERENCE = 0.05
@@ -279,6 +281,7 @@ class Optima:
     fits: Fitted  #: Fits, best first.
     sigma: float  #: Standard deviation of the noise, as given or from the best fit's residuals.
     plateaus: tuple[Plateau, ...] = ()  #: Of the numbers that act in steps.
+    alone: bool = False  #: Whether descents from different places all ended in one optimum.
 
     def laplace(self, weight: float) -> Laplace:
         """Return the posterior near the fits, of residuals of the precision ``weight``."""
@@ -364,19 +367,22 @@ def search(
     known: Floats | None = None,
     once: bool = True,
     rival: float = np.inf,
+    before: Optima | None = None,
 ) -> Optima:
     """Return the best fits, from ``known`` vectors (K, P) and random starting points.
 
     Without ``once``, the search is repeated up to ``effort.restarts`` times, until a fit leaves
     nothing but noise, or two scans end in the same fit (then the model fails, not the search).
-    The search is not completed where its squares far exceed ``rival``, a sum of squares.
+    ``before`` is the fit of an earlier scan, as of :func:`agreed`. The search is not completed
+    where its squares far exceed ``rival``, a sum of squares.
     """
     parameters = regression.parameters
     if not parameters.unknowns:
         still = parameters.prior_mean[None]
         squares = regression.misfit(FINE).squares(still)
         return _optima(regression, Fitted(still, squares, squares))
-    best: Optima | None = None
+    best = before
+    alone = before is not None
     for attempt in range(effort.restarts + 1):
         starts = np.empty((0, len(parameters)))
         scanned = effort
@@ -391,10 +397,47 @@ def search(
         found = _refine(regression, starts, rng, effort, rival)
         same = best is not None and abs(found.sigma / best.sigma - 1.0) < SCAN_TOLERANCE
         best = found if best is None else _optima(regression, _together(best.fits, found.fits))
+        alone = alone and same and len(best.fits.theta) == 1
         if once or same or best.goodness.good:
             break
     assert best is not None
-    return best
+    return replace(best, alone=True) if alone else best
+
+
+def agreed(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Optima | None:
+    """Return the optimum in which descents from a few places all end; None if they differ.
+
+    They begin at the best of a small scan, as many as there are unknowns or more. None, too, if the
+    effort is too small for that; if trials begin anyhow, or a number is said to have valleys; and
+    if the scan moves no number.
+    """
+    parameters = regression.parameters
+    posed = len(parameters.start_slots()) or len(parameters.angle_entries(0))
+    if posed or _lined(parameters):
+        return None
+    sought = np.concatenate([np.arange(parameters.body), parameters.freed_entries()])
+    moved = parameters.prior_precision[sought] < FIXED_PRECISION
+    few = effort if effort.descents <= 2 * LEAST_AGREED else halved(halved(effort))
+    if not moved.any() or few.descents < max(parameters.unknowns, LEAST_AGREED):
+        return None
+    met = _downhill(regression, scan(regression, rng, few), MEETING_ITERATIONS)
+    met = _unique(parameters, met, same=VALLEY_SIZE_DIFFERENCE)
+    if len(met.theta) > 1:
+        met = _downhill(regression, met.theta)
+        met = _unique(parameters, met, same=VALLEY_SIZE_DIFFERENCE)
+    if len(met.theta) > 1:
+        return None
+    return replace(polished(regression, met.theta), alone=True)
+
+
+def polished(regression: Regression, theta: Floats) -> Optima:
+    """Return the optima near vectors (S, P), which are near already."""
+    exact = _exact(regression, theta)
+    if exact is not None:
+        return exact
+    fine = regression.misfit(FINE)
+    sigma = regression.sigma_near(fine, theta)
+    return _optima(regression, descend(fine, theta, sigma, 40, 1e-6))
 
 
 def as_they_are(regression: Regression, theta: Floats) -> Optima:
@@ -408,7 +451,8 @@ def improved(optima: Optima, starts: Floats) -> Optima:
     regression = optima.regression
     ended = descend(regression.misfit(FINE), starts, optima.sigma, 40, 1e-6)
     found = _optima(regression, _together(optima.fits, ended))
-    return replace(found, plateaus=optima.plateaus)
+    alone = optima.alone and len(found.fits.theta) == 1
+    return replace(found, plateaus=optima.plateaus, alone=alone)
 
 
 def settled(optima: Optima, before: Roughness | None) -> tuple[Optima, Roughness]:
@@ -666,29 +710,30 @@ def _refine(
     if squares.min() > RIVAL_SQUARES_RATIO * rival:
         return _optima(regression, Fitted(first, squares, squares))
     again = pose(regression, first, 2 * effort.poses, rng)[0]
+    again = again[(again != first).any(axis=1)]
     moved = relined(regression, first, regression.sigma_near(fine, first), 1)
     second = _downhill(regression, np.concatenate([first, again, moved]))
     chosen = _different(parameters, second, effort.polished).theta
     sigma = regression.sigma_near(fine, chosen)
-    polished = _best(descend(fine, chosen, sigma, 40, 1e-6), effort.polished)
+    best = _best(descend(fine, chosen, sigma, 40, 1e-6), effort.polished)
     for _ in range(MAXIMUM_HOPS):
-        sigma = regression.sigma(polished.squares.min(), fine.count)
+        sigma = regression.sigma(best.squares.min(), fine.count)
         if sigma <= regression.least_sigma:  # there is nothing better
             break
         hopped = np.concatenate(
             [
-                hop(regression, polished.theta[0], sigma, rng),
-                relined(regression, polished.theta[:1], sigma, 2),
+                hop(regression, best.theta[0], sigma, rng),
+                relined(regression, best.theta[:1], sigma, 2),
             ]
         )
         if not len(hopped):
             break
         more = descend(fine, hopped, sigma, 15, 1e-6)
-        before = polished.cost[0]
-        polished = _unique(parameters, _together(polished, more))
-        if polished.cost[0] > before - 1e-3:
+        before = best.cost[0]
+        best = _unique(parameters, _together(best, more))
+        if best.cost[0] > before - 1e-3:
             break
-    return _optima(regression, polished)
+    return _optima(regression, best)
 
 
 def _optima(regression: Regression, fitted: Fitted) -> Optima:
