@@ -59,7 +59,7 @@ def fits_of(branches: Sequence[Branch]) -> list[Fit]:
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 EVEN_ODDS = 3.0  # of two answers: with less the probabilities are not said
-LEAST_END_SDS = 1.5  # from the bound to a best fit outside of a range
+LEAST_END_SDS = 0.5  # from the bound to a best fit outside of a range
 NEAR_TURN = 0.2  # of a turn
 LOUD_TURN = 0.05  # of a turn
 NEAR_UNIT = 0.2  # of a squared length of 1
