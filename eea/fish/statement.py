@@ -65,7 +65,9 @@ def belief_lines(result: Result) -> list[str]:
         return []
     lines = []
     rows = belief.table(STATED_MASS)
-    others = [name for name in rows if name not in result.layout.names and "@" not in name]
+    parameters = belief.branches[0].parameters
+    common = [name for name, one in zip(rows, parameters.common, strict=True) if one]
+    others = [name for name in common if name not in result.layout.names]
     heading = f"{'besides the body':26s} {'found':>6s}"
     if _explained(result):
         if result.truth is not None:

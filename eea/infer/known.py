@@ -62,7 +62,7 @@ from eea.infer.misfit import COARSE, FINE, Regression, Roughness
 from eea.infer.search import Optima, hop, improved, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
-from eea.infer.unknowns import FIXED_PRECISION, UNIFORM_PRECISION, Unknowns
+from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns
 
 NORMAL_95 = 1.6448536269514722
 
@@ -391,7 +391,8 @@ def learn(
     """Return what known-good logs tell: the robot as it was, its spread, and its noise.
 
     Each log is fitted by itself, with the spread of all as its prior (empirical Bayes). Healthy
-    values are taken as they are stated; the ``findings`` say where the logs contradict them.
+    values are taken as they are stated; the ``findings`` say where the logs contradict them. So are
+    the priors of numbers that vary: logs that all began at rest do not forbid another start.
 
     Parameters
     ----------
@@ -516,8 +517,7 @@ def _fitted(
         optima = improved(optima, before.optima.fits.theta[:1])
     parameters = optima.regression.parameters
     mode = optima.mixture(optima).modes[0]
-    sought = parameters.prior_precision < FIXED_PRECISION
-    entries = np.flatnonzero(sought & ~parameters.circular)
+    entries = parameters.common_entries()
     least = np.where(parameters.circular, 0.0, UNIFORM_PRECISION)
     covariance = mode.covariance(least)[np.ix_(entries, entries)]
     names = tuple(map(parameters.base, entries.tolist()))

@@ -61,14 +61,16 @@ class Number:
         The value where nothing is broken. It has it unless a hypothesis moves it; what has none is
         always sought.
     varies
-        Whether each trial has a value of its own, such as a speed at first or a sensor's bias.
+        Whether each trial has a value of its own, such as a speed at first or a sensor's bias. It
+        is always inferred. Its prior is that of every trial: known-good logs do not narrow it.
     circular
         Whether it is an angle, in rad, over a whole turn.
     group
         Numbers with a prior that are inferred together or not at all (``FitConfig.nuisances``); by
         default each is a group of its own.
     switch
-        Whether it has the value ``mean`` unless a hypothesis fixes or frees it.
+        Whether it has the value ``mean`` unless a hypothesis fixes or moves it. Unlike one with a
+        ``healthy`` value it is not sought, so that samples of what is sought leave it out.
     valleys
         Number of equal parts of the range that are all tried, because no descent moves from one to
         another; 0 where a descent finds the best.

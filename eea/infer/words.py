@@ -16,7 +16,7 @@ from eea.infer.design import moved_alone, would_not_show
 from eea.infer.mixture import Mixture
 from eea.infer.search import Optima
 from eea.infer.statement import TURNS, Hypothesis, RobotModel
-from eea.infer.unknowns import FIXED_PRECISION, Unknowns
+from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
 # Less probable hypotheses, and sets of sizes, have no sentence. Of a robot with parts the nominal
@@ -115,11 +115,12 @@ def at_ends(branch: Branch) -> list[str]:
 
 def at_end(parameters: Unknowns, entry: int, bound: float) -> str:
     """Return the sentence that an entry is at a bound of its range."""
-    name, _, trial = parameters.names[entry].partition("@")
+    name = parameters.base(entry)
+    trial = int(parameters.entry_trials[entry])
     theta = np.zeros(len(parameters))
     theta[entry] = bound
     value = parameters.robot.with_unit(name, float(parameters.natural(theta)[entry]), 4)
-    where = f"{name} of trial {trial}" if trial else name
+    where = name if trial == ALL_TRIALS else f"{name} of trial {trial + 1}"
     return f"{where} is at the end of its range, {value}, and may be beyond it"
 
 

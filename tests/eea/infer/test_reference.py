@@ -291,3 +291,40 @@ def test_a_search_that_ends_elsewhere_does_not_pass_for_a_spread():
     prior = reference.robot.prior
     assert prior.names == ("length", "motor", "bias")
     assert (np.sqrt(np.diag(prior.covariance)) < [0.01, 0.03, 0.03]).all()
+
+
+def test_a_later_log_may_begin_elsewhere_than_the_known_good_ones():
+    """All logs began at rest: that is no knowledge of the robot."""
+
+    def glide(values, push):
+        time = 0.05 * np.arange(push.shape[1])
+        speed = values["speed at first"][:, None] * np.exp(-values["drag"][:, None] * time)
+        return (speed + values["gain"][:, None] * push)[:, :, None]
+
+    robot = Robot(
+        glide,
+        {
+            "drag": Number(0.5, 2.0),
+            "gain": Number(0.0, 2.0),
+            "speed at first": Number(0.0, sd=1.0, varies=True),
+        },
+        {"speed": "m/s"},
+        hypotheses=[Hypothesis("it is weak", moves={"gain": Number(mean=0, sd=0.3, high=0)})],
+    )
+    rng = np.random.default_rng(0)
+
+    def log(speed, gain=1.0):
+        values = {"drag": 1.0, "gain": gain, "speed at first": speed}
+        signal = glide({n: np.array([v]) for n, v in values.items()}, PUSH[None])[0]
+        return Trial(signal + rng.normal(0.0, 0.05, signal.shape), PUSH)
+
+    reference = robot.learn([log(0.3), *(log(0.0) for _ in range(7))])
+    assert reference.robot.prior.names == ("drag", "gain")
+    for speed in (1.5, -1.0):
+        assert reference.test(log(speed)).same
+        found = reference.infer([log(speed)])
+        assert found.branches[0].hypothesis.name == "nothing is broken"
+        assert found.good
+        _, low, high = found.table(0.99)["speed at first@1"]
+        assert low < speed < high
+    assert not reference.test(log(1.5, gain=0.7)).same
