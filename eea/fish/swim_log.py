@@ -6,10 +6,10 @@ import csv
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from io import StringIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,10 +30,10 @@ from aquafish_gym.utils.validation import (
 )
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
-from eea.fish.bunches import bunches_of
 from eea.logs.alignment import align
 from eea.logs.columns import Quantity, found_columns
 from eea.logs.guesses import TICKS, Gyroscope, gyroscopes, time_column
+from eea.logs.stamps import Bunches, bunches_of, even_times, new_rows
 from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
 
@@ -209,6 +209,60 @@ def shown(seconds: float, digits: int = 3) -> str:
     ('5.32', '12346')
     """
     return f"{seconds:.0f}" if abs(seconds) >= 10**digits else f"{seconds:.{digits}g}"
+
+
+def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
+    """Return a log with even times where its rows were stamped on arrival in packets.
+
+    See :func:`eea.logs.stamps.even_times`. Also return sentences on the changes.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the signal does not show whether rows were sampled in bunches, or packets are missing.
+    """
+    time = log.time.copy()
+    said: list[str] = []
+    for index, rows in enumerate(log.blocks):
+
+        def name(found: Bunches, index: int = index, first: int = rows.start) -> str:
+            return f"{log.name(index)}, rows {first + found.first + 1} to {first + found.last + 1}"
+
+        time[rows], sentences = even_times(
+            log.time[rows], log.gyro[rows], TIMESTEP, LONGEST_GAP_SECONDS, name
+        )
+        said += sentences
+    return (replace(log, time=time), said) if said else (log, said)
+
+
+class NewReadings(NamedTuple):
+    """The rows of a trial that have a new reading."""
+
+    rows: NDArray[np.intp]  #: Rows of the log.
+    repeated: int  #: The number of rows left out.
+
+
+def new_readings(log: SwimLog, index: int) -> NewReadings:
+    """Return the rows of a trial without those in which a driver repeats its last reading.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the reading is repeated for more than 0.25 s while a servo moves.
+    """
+    block = log.blocks[index]
+    rows = np.arange(block.start, block.stop)
+    kept = new_rows(log.gyro[block], (log.commands[block] == 0.0).all(axis=1))
+    new = rows[kept]
+    gaps = np.diff(log.time[new])
+    if not kept.all() and gaps.max() > LONGEST_GAP_SECONDS:
+        last = int(np.argmax(gaps))
+        raise InvalidArgumentError(
+            f"row {new[last] + 2}: {', '.join(GYRO_COLUMNS)} must be new readings while "
+            f"{', '.join(SERVOS)} move; they repeat the row before for {shown(gaps[last])} s: "
+            "leave those rows out and make what follows another trial"
+        )
+    return NewReadings(new, len(rows) - len(new))
 
 
 def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
@@ -387,7 +441,7 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
     step = float(steps[wrong[0]])
     got = f"{shown(abs(step))} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
     hint = ""
-    if bunches_of(np.maximum.accumulate(time[rows])):
+    if bunches_of(np.maximum.accumulate(time[rows]), TIMESTEP):
         hint = (
             "; the times come in bunches, as of packets stamped on arrival: restamp the rows "
             "evenly, as they were sampled"

@@ -29,8 +29,7 @@ from eea.fish.readings import (
     GyroReadings,
     readings_of,
 )
-from eea.fish.stamps import new_readings, restamped
-from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, shown
+from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, new_readings, restamped, shown
 from eea.infer.trials import Observed
 
 #: Samples of the commands before a window that its servos may still obey, for a lag of 0.2 s.

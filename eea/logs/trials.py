@@ -33,6 +33,7 @@ from eea.logs.alignment import (
 )
 from eea.logs.columns import TIME, TRIAL, Quantity, found_columns, time_unit
 from eea.logs.guesses import possible_units
+from eea.logs.stamps import Bunches, even_times, new_rows
 from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
 
@@ -53,6 +54,8 @@ CONVERTED: tuple[Mapping[str, float], ...] = (
 )
 EVEN_SHARE = 0.25  # of a step: rows that are further from even times need a stated step
 MOST_SAMPLES_PER_ROW = 1000.0
+#: Steps of a stretch of bunches that is short enough to stay as it is.
+SHORT_STRETCH_STEPS = 25
 LONGEST_STEP_SECONDS = 3600.0  # a recorder's usual step, to tell its unit
 
 
@@ -87,6 +90,9 @@ def read_trials(
     **Inputs are held** from each of their rows to the next; an input of a sample is the mean over
     the step that ends with the sample. So a simulator first takes a step with the input, and then
     records the sample; the first row, before any step, is none. Without inputs it is a sample.
+
+    Rows that were stamped on arrival in packets get even times, if ``step`` is given; those in
+    which a driver repeats a channel's last reading until the next are left out. ``remarks`` say so.
 
     Parameters
     ----------
@@ -159,10 +165,14 @@ def read_trials(
             raise InvalidArgumentError("between must be None where a table has several trials")
         for table in tables:
             series, remarks = locate(table, quantities, columns)
+            _refuse_unknown_unit(table, columns, series[next(iter(channels))])
+            if step is not None:
+                series = _evenly_stamped(series, list(channels), step, remarks)
             begin = float(series[next(iter(channels))].time[0])
             series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
+            for name in channels:
+                series[name] = _new_readings(name, series[name], remarks)
             first = series[next(iter(channels))]
-            _refuse_unknown_unit(table, columns, first)
             for span in _spans(first, series.get(TRIAL), parts, options.split_gap):
                 made = _trial(series, channels, inputs, span, options)
                 said = dict.fromkeys([*recording.remarks, *remarks, *made.remarks])
@@ -257,6 +267,45 @@ def _refuse_unknown_unit(recording: Recording, columns: Mapping[str, str], first
             f"{column} must have a unit, since its usual step of {usual:.3g} may be in "
             f"{' or '.join(possible)}: name it, as in time:{possible[0]}={column}"
         )
+
+
+def _evenly_stamped(
+    series: Mapping[str, Series], channels: Sequence[str], step: float, remarks: list[str]
+) -> dict[str, Series]:
+    """Return the series with even times where a stream was stamped on arrival in packets."""
+    found = dict(series)
+    done = set()
+    for channel in channels:
+        one = series[channel]
+        if one.stream.name in done or not (np.diff(one.time) >= 0.0).all():
+            continue  # a step back is refused later
+        done.add(one.stream.name)
+
+        def name(where: Bunches, one: Series = one) -> str:
+            since = one.time - one.time[0]
+            return f"{one.label}, {since[where.first]:.6g} to {since[where.last]:.6g} s"
+
+        try:
+            time, said = even_times(one.time, one.values, step, SHORT_STRETCH_STEPS * step, name)
+        except InvalidArgumentError as error:
+            remarks.append(f"{error}; here they are taken as they are")
+            continue
+        remarks += said
+        for other, its in series.items():
+            if said and its.stream is one.stream:
+                found[other] = its._replace(time=np.interp(its.time, one.time, time))
+    return found
+
+
+def _new_readings(name: str, one: Series, remarks: list[str]) -> Series:
+    """Return the rows of a channel without those in which a driver repeats its last reading."""
+    kept = new_rows(one.values, np.zeros(len(one.time), np.bool_))
+    if not kept.all():
+        remarks.append(
+            f"{(~kept).sum()} of {len(kept)} rows of {one.label} repeat the last reading of {name} "
+            "until the next: they are left out"
+        )
+    return one.only(kept)
 
 
 def _spans(

@@ -9,10 +9,10 @@ from scipy.interpolate import CubicSpline
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import FitConfig, SwimLog, infer_log, watch_swim
-from eea.fish.bunches import bunches_of
 from eea.fish.prior import known_body
-from eea.fish.stamps import new_readings, restamped
+from eea.fish.swim_log import new_readings, restamped
 from eea.fish.windows import log_windows
+from eea.logs.stamps import bunches_of
 
 BODY = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
 PLAIN = FitConfig(nuisances=())
@@ -124,7 +124,7 @@ def test_packets_give_the_body_of_even_times_and_no_alarm(seed):
 def test_readings_in_true_bursts_are_averaged_where_they_are():
     time = (0.05 * np.arange(200)[:, None] + 0.001 * np.arange(10)).ravel()
     log = swim(time)
-    assert len(bunches_of(time)) == 1
+    assert len(bunches_of(time, 0.01)) == 1
     assert restamped(log)[1] == []
     cut = log_windows(log)
     np.testing.assert_allclose(np.diff(cut.time[0]), 0.05, atol=1e-3)
@@ -153,9 +153,9 @@ def test_gaps_and_changes_of_rate_are_no_bunches():
     for start in range(100, 3900, 150):
         holes[start : start + 40] = False
     for time in (np.append(fast[holes], slow), at_rate(100, 8.0)[np.arange(801) % 7 != 0]):
-        assert bunches_of(time) == []
+        assert bunches_of(time, 0.01) == []
     rng = np.random.default_rng(0)
-    assert bunches_of(at_rate(100, 8.0) + 0.002 * np.clip(rng.normal(size=801), -2, 2)) == []
+    assert bunches_of(at_rate(100, 8.0) + 0.002 * np.clip(rng.normal(size=801), -2, 2), 0.01) == []
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.97])

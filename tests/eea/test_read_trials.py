@@ -73,6 +73,32 @@ def test_rows_that_were_lost_are_missing_samples_on_the_same_clock(tmp_path: Pat
     np.testing.assert_array_equal(second.signal[:, 0], np.arange(30, 50))
 
 
+def test_rows_stamped_on_arrival_in_packets_get_even_times(tmp_path: Path) -> None:
+    row = np.arange(400)
+    stamps = 0.01 * (row - row % 8 + 7) + 2e-4 * (row % 8)
+    signal = np.sin(0.05 * row).round(6)
+    path = csv(tmp_path, time=stamps, x=signal)
+    (trial,) = read(path, step=0.01)
+    np.testing.assert_allclose(trial.signal[:392, 0], signal[:392], atol=1e-6)
+    assert any("in bunches, as of packets stamped on arrival; the ro" in t for t in trial.remarks)
+    path = csv(tmp_path, time=stamps, x=np.sin(5.0 * stamps).round(6))  # sampled so
+    (trial,) = read(path, step=0.01)
+    assert np.isnan(trial.signal).sum() > 200
+
+
+def test_readings_that_a_driver_repeats_are_missing(tmp_path: Path) -> None:
+    row = np.arange(300)
+    slow = np.sin(0.05 * (row - row % 5)).round(6)
+    path = csv(tmp_path, time=0.01 * row, x=np.cos(0.05 * row).round(6), y=slow)
+    (trial,) = read_trials(path, {"x": "rad", "y": "rad"}, x="x", y="y")
+    assert np.isfinite(trial.signal[:, 0]).all()
+    np.testing.assert_array_equal(np.isfinite(trial.signal[:, 1]), row % 5 == 0)
+    assert any("rows of y repeat the last reading of y until the next" in t for t in trial.remarks)
+    gear = np.repeat(np.random.default_rng(0).integers(0, 3, 60), 5)  # whole numbers are no repeats
+    path = csv(tmp_path, time=0.01 * row, x=gear)
+    assert np.isfinite(read(path)[0].signal).all()
+
+
 def test_an_uneven_clock_needs_a_stated_step(tmp_path: Path) -> None:
     time = np.cumsum(np.random.default_rng(0).uniform(0.002, 0.01, 60))
     path = csv(tmp_path, time=time, x=time)
