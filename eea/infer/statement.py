@@ -220,9 +220,15 @@ class Number:
                         f"low and high of {name} must be given, for a hypothesis moves it anywhere "
                         f"between them; got {self}"
                     )
-                raise ConfigurationError(f"{name} must have a finite range or sd; got {self}")
+                raise ConfigurationError(
+                    f"{name} must have both ends or an sd, as in Number(0.0, 2.0) or "
+                    f"Number({mean:g}, sd=0.1); got {self}"
+                )
             if self.sought:
-                raise ConfigurationError(f"mean of {name} must be given with sd; got {self}")
+                raise ConfigurationError(
+                    f"mean of {name} must be given with sd; a value where nothing is broken is "
+                    f"healthy={mean:g}; got {self}"
+                )
             real(f"mean of {name}", mean, low, high)
         group = self.group or (name if self.grouped else "")
         return replace(self, low=low, high=high, mean=mean, group=group)

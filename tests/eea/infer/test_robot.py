@@ -62,13 +62,16 @@ def test_a_robot_needs_a_simulator_numbers_and_channels_only():
         ({"numbers": {"gain@1": Number(0, 1)}}, "a name must have no @; got 'gain@1'"),
         (
             {"numbers": {"gain": Number(0.0)}},
-            "gain must have a finite range or sd; got Number(mean",
+            "gain must have both ends or an sd, as in Number(0.0, 2.0) or Number(0, sd=0.1); got",
         ),
         (
             {"numbers": {"gain": Number(low=0.0)}},
             "high of gain must be finite, or a mean and an sd",
         ),
-        ({"numbers": {"gain": Number(0, 1, mean=0.5)}}, "mean of gain must be given with sd"),
+        (
+            {"numbers": {"gain": Number(0, 1, mean=0.5)}},
+            "nothing is broken is healthy=0.5; got Num",
+        ),
         (
             {"numbers": {"bias": Number(-1.0, 1.0, mean=2.0, sd=1.0)}},
             "mean of bias must be a finite number in [-1, 1]; got 2",
