@@ -210,7 +210,7 @@ def log_windows(
     mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only determine the
     servo speeds. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
     are left out, and rows that were stamped on arrival in packets are stamped evenly; see
-    ``eea.fish.readings`` and ``eea.fish.stamps``.
+    ``eea.fish.readings`` and ``eea.logs.stamps``.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def _overview(recording: Recording) -> list[str]:
             rows.append([name, str(len(stream)), *_rate(time, began), clock[0]])
             for names, there in merged_rates(stream):
                 shown = ", ".join(names[:2]) + (", ..." if len(names) > 2 else "")
-                part = f"  {len(names)} columns: {shown}"
+                part = f"  {len(names)} column{'s' if len(names) > 1 else ''}: {shown}"
                 rows.append([part, str(there.sum()), *_rate(time[there], began), clock[0]])
     lines = _table(rows)
     for stream, clock in zip(recording.streams, clocks, strict=True):

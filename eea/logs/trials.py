@@ -14,13 +14,14 @@ import numpy as np
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    UnknownNameError,
     brief,
     finite_array,
     one_of,
     sequence,
 )
 from eea.core.angles import Floats
-from eea.core.checks import real, real_or_infinite
+from eea.core.checks import ConfigurationError, real, real_or_infinite
 from eea.infer.trials import Trial
 from eea.logs.alignment import (
     ROUNDED_DIGITS,
@@ -170,6 +171,8 @@ def read_trials(
                 series = _evenly_stamped(series, list(channels), step, remarks)
             begin = float(series[next(iter(channels))].time[0])
             series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
+            for name, one in series.items():
+                _refuse_infinite(name, one)
             for name in channels:
                 series[name] = _new_readings(name, series[name], remarks)
             first = series[next(iter(channels))]
@@ -177,7 +180,9 @@ def read_trials(
                 made = _trial(series, channels, inputs, span, options)
                 said = dict.fromkeys([*recording.remarks, *remarks, *made.remarks])
                 found.append(replace(made, remarks=tuple(said)))
-    except InvalidArgumentError as error:
+    except UnknownNameError as error:
+        raise DamagedFileError(f"log: {path}: {error}; name it by {TIME}=COLUMN") from None
+    except (InvalidArgumentError, ConfigurationError) as error:
         raise DamagedFileError(f"log: {path}: {error}") from None
     return found
 
@@ -230,7 +235,8 @@ def _quantities(channels: Mapping[str, str], columns: Mapping[str, str]) -> dict
     found = {name: Quantity((name,), _units(unit)) for name, unit in channels.items()}
     for name in names:
         if name not in (*channels, TIME):
-            found.setdefault(name, Quantity((name,), {}, held=True))
+            advice = ": number the trials" if name == TRIAL else ""
+            found.setdefault(name, Quantity((name,), {}, held=True, advice=advice))
     return found
 
 
@@ -266,6 +272,16 @@ def _refuse_unknown_unit(recording: Recording, columns: Mapping[str, str], first
         raise InvalidArgumentError(
             f"{column} must have a unit, since its usual step of {usual:.3g} may be in "
             f"{' or '.join(possible)}: name it, as in time:{possible[0]}={column}"
+        )
+
+
+def _refuse_infinite(name: str, one: Series) -> None:
+    infinite = np.flatnonzero(np.isinf(one.values[:, 0]))
+    if len(infinite):
+        row = int(one.rows[infinite[0]]) + 1
+        raise InvalidArgumentError(
+            f"row {row} must be finite, or empty where a reading is missing; {name} is "
+            f"{one.values[infinite[0], 0]:g}"
         )
 
 
@@ -376,6 +392,8 @@ def _trial(
         signal = signal[1:]
     if not np.isfinite(signal).any():
         raise InvalidArgumentError(f"a trial must have readings; none is after {begin:.6g} s")
+    if twice := int((np.diff(time) == 0.0).sum()):
+        remarks.append(f"{twice} rows of {first.label} have the stamp of the row before")
     remarks.append(f"a sample every {step:.6g} s, {len(signal)} in all")
     for name, values in zip(channels, signal.T, strict=True):
         if missing := int(np.isnan(values).sum()):
@@ -423,6 +441,10 @@ def _even_step(label: str, time: Floats) -> float:
         place = (time - time[0]) / even
         if np.abs(place - np.rint(place)).max() <= EVEN_SHARE:
             return even
+    else:
+        raise InvalidArgumentError(
+            f"{label} must have times that go on; its {len(time)} rows have one, {time[0]:g} s"
+        )
     raise InvalidArgumentError(
         f"{label} has uneven rows, {usual:.3g} s apart by their median: state the time from one "
         f"sample of the simulator to the next, as in step={usual:.2g}"

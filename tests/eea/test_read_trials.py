@@ -206,6 +206,33 @@ def test_a_unit_of_time_that_is_not_clear_is_asked_for(tmp_path: Path) -> None:
     assert "a sample every 0.001 s, 50 in all" in read(path, **{"time:ms": "stamp"})[0].remarks
 
 
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ({"time": [0.0, 0.1, 0.2], "x": [0.0, np.inf, 0.0]}, "row 2 must be finite.*rate is inf"),
+        ({"time": [0.0, 0.1, 0.2], "x": [0.0, 1e101, 0.0]}, "signal must be at most 1e.100"),
+        ({"time": [0.0, 0.1], "x": [0.0, "ERR"]}, "row 2 must have numbers; x is 'ERR'"),
+        ({"time": [1.0, 1.0], "x": [0.0, 1.0]}, "x must have times that go on; its 2 rows have"),
+        ({"stamp": [0.0, 0.1], "x": [0.0, 1.0]}, "one column time; .*name it by time=COLUMN"),
+        ({"time": [0, 0.1, 0.2, 1e6], "x": [0, 1, 2, 3]}, "step must leave at most 1000 samples"),
+    ],
+)
+def test_a_table_that_cannot_be_a_trial_is_refused(
+    rows: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    path = csv(tmp_path, **rows)
+    with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*{message}"):
+        read(path, step=0.1 if "1000 samples" in message else None)
+
+
+def test_stamps_that_come_twice_are_said(tmp_path: Path) -> None:
+    row = np.arange(60)
+    path = csv(tmp_path, time=0.01 * (row // 2), x=row)
+    (trial,) = read(path)
+    np.testing.assert_array_equal(trial.signal[:, 0], 0.5 + 2.0 * np.arange(30))
+    assert "30 rows of x have the stamp of the row before" in trial.remarks
+
+
 MISTAKES: dict[str, tuple[dict[str, str], str]] = {
     "column": ({"rate": "IMU.GirX"}, "rate must be a column of the log.*did you mean IMU.GyrX"),
     "channel": ({"rates": "IMU.GyrX"}, "rate must have a column.*did you mean it by rates"),
