@@ -209,7 +209,7 @@ def fit(
     }
     dropped = (start.dropped | hopeless) - {robot.nominal.name}
     goodness = optima[branches[0].hypothesis.name].goodness
-    if roughness is not None:
+    if roughness is not None and robot.discrepancy is None:
         goodness = of_rough_simulator(goodness, roughness.jitter)
     if own:
         counter.release()

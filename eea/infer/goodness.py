@@ -149,7 +149,8 @@ def goodness_of_fit(
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 
-LOUD_JITTER = 0.1  # of the noise: intervals do not allow for as much
+LOUD_JITTER = 0.1  # of the noise: of more, intervals may be too narrow
+TOO_LOUD_JITTER = 0.5  # of the noise: of more, they are; a kink, as of friction, looks like less
 
 
 def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:
@@ -157,7 +158,7 @@ def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:
 
     Errors of a solver are alike in all samples, and do not average out as noise does.
     """
-    if not goodness.good or jitter <= LOUD_JITTER:
+    if not goodness.good or jitter <= TOO_LOUD_JITTER:
         return goodness
     words = (
         f"the simulator jitters by {jitter:.1g} of the noise, too much for intervals: give it a "

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.infer.branch import Branch
 from eea.infer.design import moved_alone, would_not_show
+from eea.infer.goodness import LOUD_JITTER
 from eea.infer.mixture import Mixture
 from eea.infer.search import Optima
 from eea.infer.statement import TURNS, Hypothesis, RobotModel
@@ -230,6 +231,8 @@ def of_simulator(optima: Optima) -> list[str]:
         ends = dict.fromkeys(f"{100.0 * step:.1g}%" for step in (steps.min(), steps.max()))
         words = f"simulate jitters by {rough.jitter:.1g} of the noise: derivatives use steps of "
         words += " to ".join(ends)
+        if rough.jitter > LOUD_JITTER:
+            words += "; unless it only has kinks, the intervals may be too narrow"
         said.append(words)
     return said
 

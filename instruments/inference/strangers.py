@@ -42,7 +42,7 @@ DRAWS = 40  # robots of each kind, at full size
 MASS = 0.9
 STEP = 0.05  # s
 #: What an answer says where its intervals are not to be trusted as they are.
-WARNINGS = ("may be beyond", "alike")
+WARNINGS = ("may be beyond", "alike", "may be too narrow")
 SECOND = 20  # steps in a second
 
 
