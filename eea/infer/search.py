@@ -254,7 +254,7 @@ CLOSE_COST = 10.0  # optima with a cost higher by this have under 1/20,000 of th
 MAXIMUM_HOPS = 3  # rounds of hops from the best optimum
 FIRST_ITERATIONS = 8  # then the worse half of the starting points is dropped
 MEETING_ITERATIONS = 4  # then descents that have met go on as one
-LEAST_AGREED = 3  # descents that tell that there is one optimum
+FEW_DESCENTS = 6  # that tell whether there is one optimum
 SAME_OPTIMUM_DISTANCE = 1e-3  # share of a range, or rad; closer optima are one
 # Share of a range. Bodies that differ by more in a size are kept beside a better one.
 VALLEY_SIZE_DIFFERENCE = 0.05
@@ -407,18 +407,15 @@ def search(
 def agreed(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Optima | None:
     """Return the optimum in which descents from a few places all end; None if they differ.
 
-    They begin at the best of a small scan, as many as there are unknowns or more. None, too, if the
-    effort is too small for that; if trials begin anyhow, or a number is said to have valleys; and
-    if the scan moves no number.
+    They begin at the best of a small scan, as many as there are unknowns or more, or at as many as
+    the effort allows. Then hops look for other valleys of a trial's angles. None, too, if there are
+    too many unknowns for that, or a number is said to have valleys, or the scan moves no number.
     """
     parameters = regression.parameters
-    posed = len(parameters.start_slots()) or len(parameters.angle_entries(0))
-    if posed or _lined(parameters):
-        return None
     sought = np.concatenate([np.arange(parameters.body), parameters.freed_entries()])
     moved = parameters.prior_precision[sought] < FIXED_PRECISION
-    few = effort if effort.descents <= 2 * LEAST_AGREED else halved(halved(effort))
-    if not moved.any() or few.descents < max(parameters.unknowns, LEAST_AGREED):
+    few = effort if effort.descents <= FEW_DESCENTS else halved(halved(effort))
+    if _lined(parameters) or not moved.any() or parameters.unknowns > max(few.descents, 2):
         return None
     met = _downhill(regression, scan(regression, rng, few), MEETING_ITERATIONS)
     met = _unique(parameters, met, same=VALLEY_SIZE_DIFFERENCE)
@@ -427,7 +424,11 @@ def agreed(regression: Regression, rng: np.random.Generator, effort: FitConfig) 
         met = _unique(parameters, met, same=VALLEY_SIZE_DIFFERENCE)
     if len(met.theta) > 1:
         return None
-    return replace(polished(regression, met.theta), alone=True)
+    found = replace(polished(regression, met.theta), alone=True)
+    if found.sigma <= regression.least_sigma:
+        return found
+    hopped = hop(regression, found.fits.theta[0], found.sigma, rng)
+    return improved(found, hopped) if len(hopped) else found
 
 
 def polished(regression: Regression, theta: Floats) -> Optima:

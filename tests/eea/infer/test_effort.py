@@ -90,3 +90,37 @@ def test_a_fault_is_found_by_a_short_search():
     _, low, high = found.broken("gain")
     assert low < TRUE["gain"] < high
     assert count < 3000
+
+
+def swing(values, torque):
+    """Return the rates (B, T, 1) of pendulums at rest at first, driven by torques (B, T)."""
+    angle = values["angle"].copy()
+    rate = np.zeros(len(torque))
+    out = np.empty((*torque.shape, 1))
+    for step, push in enumerate(torque.T):
+        rate = rate + 0.02 * (push - 9.81 / values["length"] * np.sin(angle))
+        angle = angle + 0.02 * rate
+        out[:, step, 0] = rate
+    return out
+
+
+PENDULUM = {"length": Number(0.2, 2.0), "angle": Number.angle()}
+
+
+def test_an_unknown_angle_is_found_by_a_short_search():
+    true = {"length": 0.63, "angle": 2.0}
+    found, count = fitted(swing, PENDULUM, true)
+    assert count < 4000  # 16,000 if a scan of all poses came first
+    assert found.good
+    for name, key in (("length", "length"), ("angle", "angle@1")):
+        _, low, high = found.table(0.99)[key]
+        assert low < true[name] < high
+
+
+def test_a_short_search_leaves_no_mirrored_angle_out():
+    def squared(values, torque):
+        return swing(values, 0.0 * torque) ** 2
+
+    found, _ = fitted(squared, PENDULUM, {"length": 0.63, "angle": 2.0})
+    angles = [mode.theta[1] for mode in found.branches[0].posterior.modes]
+    assert np.sort(angles) == pytest.approx([-2.0, 2.0], abs=0.02)
