@@ -128,22 +128,25 @@ def fit(
         regression = Regression(parameters, observed, config.noise, usual, roughness)
         before = start.optima.get(hypothesis.name)
         once = not start.explained or robot.prior is not None  # a misfit means a change
-        if counter.ended and before is not None:
-            return as_they_are(regression, carried_over(before, parameters)[:1])
+        known = None if before is None else carried_over(before, parameters)[:1]
+        if counter.ended and known is not None:
+            return as_they_are(regression, known)
         counter.begin(hypothesis.name if robot.alternatives else "fitting")
         try:
             return finished(_optimize(regression, config, rng, before, plain, once))
         except OutOfBudgetError as error:
             counter.end(str(error))
         except KeyboardInterrupt:
-            if not counter.interruptible:
+            if not counter.interruptible or (regression.seen.theta is None and known is None):
                 raise
             counter.end("Ctrl-C")
-        if regression.seen.theta is None:
-            raise TargetError(
-                f"{counter.ended} ended the search before any simulation stayed finite"
-            )
-        return as_they_are(regression, regression.seen.theta[None])
+        finally:
+            counter.searching = False
+        if regression.seen.theta is not None:
+            return as_they_are(regression, regression.seen.theta[None])
+        if known is not None:
+            return as_they_are(regression, known)
+        raise TargetError(f"{counter.ended} ended the search before any simulation stayed finite")
 
     def finished(optima: Optima) -> Optima:
         """Return optima with derivatives that suit the simulator, and those of other valleys."""

@@ -127,6 +127,8 @@ class Simulations:
             robot = robot.simulate.robot
         self.robot: RobotModel = robot
         self.counting = True  #: Whether a fit goes on.
+        #: Whether a search goes on, which a budget may end; to weigh what it found takes some more.
+        self.searching = False
         self._progress = progress
         self._most = math.inf if evaluations is None else evaluations
         self._until = math.inf if seconds is None else time.monotonic() + seconds
@@ -146,6 +148,7 @@ class Simulations:
     def begin(self, hypothesis: str) -> None:
         """Say what is fitted from now on."""
         self._doing = hypothesis
+        self.searching = True
         self._say(hypothesis)
 
     def end(self, why: str) -> None:
@@ -175,7 +178,7 @@ class Simulations:
     def __call__(self, values: Values, inputs: Any, fine: bool = True) -> NDArray[Any]:
         """Return the signal (B, T, channels) of B trials; NaN of one for which it raised."""
         count = len(next(iter(values.values())))
-        if not self.ended:
+        if self.searching and not self.ended:
             self._check_budget(count)
         self._report()
         began = time.monotonic()

@@ -649,7 +649,8 @@ def _check_kinds(channels: Mapping[str, str]) -> None:
     """Raise a ConfigurationError for a channel of an unknown kind."""
     for name, stated in channels.items():
         unit, comma, kind = (part.strip() for part in stated.partition(","))
-        if comma and (kind != WRAPS or unit not in TURNS):
+        said = WRAPS in stated.lower() or comma
+        if said and (kind != WRAPS or unit not in TURNS):
             known = ", ".join(f"'{unit}, {WRAPS}'" for unit in TURNS)
             raise ConfigurationError(
                 f"the unit of {name} must have no comma, or be one of {known}; got {stated!r}"

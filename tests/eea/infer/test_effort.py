@@ -124,3 +124,12 @@ def test_a_short_search_leaves_no_mirrored_angle_out():
     found, _ = fitted(squared, PENDULUM, {"length": 0.63, "angle": 2.0})
     angles = [mode.theta[1] for mode in found.branches[0].posterior.modes]
     assert np.sort(angles) == pytest.approx([-2.0, 2.0], abs=0.02)
+
+
+def test_a_budget_may_end_anywhere():
+    """In a search, or where its answer is weighed."""
+    _, whole = fitted(drive, VEHICLE, TRUE)
+    for budget in range(20, whole + 10, 3):
+        found, count = fitted(drive, VEHICLE, TRUE, FitConfig(evaluations=budget))
+        assert count <= budget + 40
+        assert found.good == (not found.ended)
