@@ -219,11 +219,11 @@ class Simulations:
         found: list[tuple[NDArray[np.intp], NDArray[Any]]] = []
         failed: list[tuple[int, Exception]] = []
         self._in_halves(values, inputs, fine, np.arange(count), found, failed)
-        if not failed:
+        if not failed or (not found and self._takes_one(values, inputs, fine)):
             raise ConfigurationError(
                 f"simulate must take a batch: it raised {type(error).__name__} ({error}) for "
-                f"{count} trials at once, and for none of them alone. Where it takes one trial, "
-                "wrap it: one_by_one(simulate)"
+                f"{count} trials at once, and not for one alone. Where it takes one trial, wrap "
+                "it: one_by_one(simulate)"
             ) from error
         first, why = failed[0]
         if not found:
@@ -236,6 +236,15 @@ class Simulations:
         self._failed += len(failed)
         self._first_failure = self._first_failure or _described(values, first, why)
         return signal
+
+    def _takes_one(self, values: Values, inputs: Any, fine: bool) -> bool:
+        """Return whether the simulator takes the values of one trial, as numbers."""
+        own: Any = {name: float(value[0]) for name, value in values.items()}
+        try:
+            signal = self.robot.signal(own, None if inputs is None else inputs[0], fine)
+        except Exception:
+            return False
+        return np.ndim(signal) == 2
 
     def _in_halves(
         self,

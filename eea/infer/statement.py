@@ -653,7 +653,7 @@ def _check_kinds(channels: Mapping[str, str]) -> None:
         if said and (kind != WRAPS or unit not in TURNS):
             known = ", ".join(f"'{unit}, {WRAPS}'" for unit in TURNS)
             raise ConfigurationError(
-                f"the unit of {name} must have no comma, or be one of {known}; got {stated!r}"
+                f"the unit of {name} must be a plain one, or one of {known}; got {stated!r}"
             )
     four = [unit == QUATERNION for unit in channels.values()]
     run = 0

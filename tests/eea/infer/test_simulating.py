@@ -112,8 +112,9 @@ def test_a_quaternion_has_two_signs(unit):
 @pytest.mark.parametrize(
     ("channels", "message"),
     [
-        ({"a": "m, wraps"}, "the unit of a must have no comma, or be one of 'rad, wraps', 'deg, "),
-        ({"a": "rad, turns"}, "the unit of a must have no comma, or be one of 'rad, wraps'"),
+        ({"a": "m, wraps"}, "the unit of a must be a plain one, or one of 'rad, wraps', 'deg, "),
+        ({"a": "rad wraps"}, "the unit of a must be a plain one, or one of 'rad, wraps'"),
+        ({"a": "rad, turns"}, "the unit of a must be a plain one, or one of 'rad, wraps'"),
         (dict.fromkeys("abc", "quaternion"), "must be four, one after the other; got 3"),
         ({"a": "quaternion", "b": "m"}, "must be four, one after the other; got 1"),
     ],
@@ -158,6 +159,7 @@ def test_a_signal_of_one_trial_has_a_shape_that_does_not_change():
     [
         lambda values, push: np.stack([values["gain"] * push[0]] * 2, axis=-1),
         lambda values, push: one_cart({n: v[0] for n, v in values.items()}, push[0]),
+        lambda values, push: one_cart({n: float(v) for n, v in values.items()}, push),
     ],
 )
 def test_a_simulator_of_one_candidate_is_told_how_to_be_wrapped(simulate):
