@@ -345,11 +345,15 @@ class Known:
             p = fitted.goodness.p
             usual = float(np.exp(np.log(self.misfits).mean()))
             return Verdict(p, p >= alarm, _misfit(fitted.best_fit) / usual)
-        rng = np.random.default_rng(seed)
+        stream = isinstance(seed, np.random.Generator)
+        rng = np.random.default_rng(seed if stream else _whole_seed(seed))
         robot = replace(self.robot, hypotheses=())
         groups = robot.groups if self.groups is None else self.groups
         one = Unknowns.of(robot, 1, groups)
-        observed = Observed.of([log], robot) if isinstance(log, Trial) else log
+        if isinstance(log, Trial):
+            log = Observed.of([log], robot)
+        instance("log", log, Observed)
+        observed = log
         finite("signal", observed.signal, (1, None, len(robot.channels)))
         observed = replace(observed, noise=self.noise)
         window = Regression(one, observed, self.sigma)
@@ -376,7 +380,10 @@ class Known:
 
 def _whole_seed(seed: int | np.random.Generator) -> int:
     """Return a seed, or one that a generator draws."""
-    return seed if isinstance(seed, int) else int(seed.integers(2**32))
+    if isinstance(seed, np.random.Generator):
+        return int(seed.integers(2**32))
+    whole("seed", seed, 0, MAXIMUM_SEED)
+    return seed
 
 
 @own_errors

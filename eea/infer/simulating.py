@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import ConfigurationError, as_array, callback, masked
+from eea.core.checks import ConfigurationError, as_array, brief, masked
 from eea.core.floating import callers_errors
 from eea.infer.statement import RobotModel, Values
 
@@ -29,7 +29,8 @@ class OneByOne:
     """A simulator of batches that calls a simulator of one trial for each; see `one_by_one`."""
 
     def __init__(self, simulate: Callable[[Mapping[str, float], Any], Any]) -> None:
-        callback("simulate", simulate)
+        if not callable(simulate):
+            raise ConfigurationError(f"simulate must be a function; got {brief(simulate)}")
         self._simulate = simulate
         self.failed = 0  #: Trials for which it raised an exception.
         self.first_failure = ""

@@ -28,6 +28,7 @@ from eea import (
     config_for,
     figure_config,
     model_layout,
+    one_by_one,
     recovery_config,
     streams,
 )
@@ -85,7 +86,7 @@ SWINGING = Robot(
 RECORDED = Trial(np.zeros((64, 1)), [1.0])
 SETTINGS = {
     "nuisances": ("lag",), "noise": 0.01, "alternatives": "never", "bodies": 3,
-    "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
+    "poses": 3, "descents": 2, "polished": 1, "restarts": 0, "evaluations": 9, "seconds": 60.0,
 }  # fmt: skip
 #: A robot that is answered, learned and followed: a number with hidden names and a hypothesis.
 SPRING = Robot(stretch, {"stiffness": Number(1.0, 9.0, healthy=4.0)}, {"force": "N"})
@@ -101,7 +102,8 @@ REFERENCE = SOFT.learn(PULLED, config=EFFORT)
 FOLLOWER = SOFT.follow({"force": 0.1})
 QUICK = PaperConfig(condition="none", steps=64, rounds=1)
 NAMES = "empty list, list of text"
-NOISE = {"nuisances": "none", "noise": "none, fraction, big"}
+NOISE = {"nuisances": "none", "noise": "none, fraction, big", "evaluations": "none"}
+NOISE |= {"seconds": "none, fraction, big"}
 ROWS = [
     Call(
         Variable,
@@ -192,6 +194,7 @@ ROWS = [
         options(truth="none"),
         {"target": "target"},
     ),
+    Call(one_by_one, {"simulate": listen}, options(simulate=CALLABLE)),
     Call(
         Hypothesis,
         {
@@ -285,10 +288,9 @@ ROWS = [
         options(config="none", progress=f"none, {CALLABLE}"),
     ),
     Call(
-        REFERENCE.watch,
+        REFERENCE.test,
         {"log": PULLED[0], "seed": 0, "alarm": 0.01},
         options(alarm="fraction"),
-        {"log": "trials"},
     ),
     Call(BELIEF.sample, {"count": 1, "rng": np.random.default_rng(0)}),
     Call(BELIEF.interval, {"mass": 0.9}, options(mass="fraction")),
