@@ -46,18 +46,43 @@ def noise_of(
     ``there`` (E, C, T) says which samples there are; the residuals of others are 0. ``unknowns`` is
     how many the data have determined, ``least`` (C,) the least standard deviations.
     """
-    squares, products, counts, pairs = np.zeros((4, len(least)))
+    squares, counts = np.zeros((2, len(least)))
     for left, mask in zip(residuals, there, strict=True):
         squares += (left**2).sum(axis=(0, 2))
-        products += (left[:, :, 1:] * left[:, :, :-1]).sum(axis=(0, 2))
         counts += mask.sum(axis=(0, 2))
-        pairs += (mask[:, :, 1:] & mask[:, :, :-1]).sum(axis=(0, 2))
     freedom = counts * np.maximum(1.0 - unknowns / counts.sum(), 0.1)
     sd = np.maximum(np.sqrt(squares / np.maximum(freedom, 1.0)), least)
-    mean = squares / np.maximum(counts, 1.0)
-    share = products / np.maximum(pairs * mean, 1e-300)
+    gaps, share, pairs = np.array(
+        [_following(residuals, there, channel) for channel in range(len(least))]
+    ).T
     certain = share > SIGNIFICANT_SDS / np.sqrt(np.maximum(pairs, 1.0))
-    return Noise(sd, np.where(certain, np.minimum(share, MOST_CORRELATION), 0.0))
+    neighbours = np.maximum(share, 0.0) ** (1.0 / gaps)
+    return Noise(sd, np.where(certain, np.minimum(neighbours, MOST_CORRELATION), 0.0))
+
+
+def _following(
+    residuals: Sequence[Floats], there: Sequence[NDArray[np.bool_]], channel: int
+) -> tuple[float, float, float]:
+    """Return the commonest gap in samples, the correlation of pairs so apart, and their number.
+
+    The correlation is that of the pairs' own squares, so it is 1 at most. A pair is of samples that
+    follow each other, with none between that is not missing: 1 apart where no sample is missing, 3
+    apart where a channel has every third.
+    """
+    gaps = []
+    pairs = []
+    for left, mask in zip(residuals, there, strict=True):
+        for one, own in zip(left[:, channel], mask[:, channel], strict=True):
+            places = np.flatnonzero(own)
+            gaps.append(np.diff(places))
+            pairs.append(np.stack([one[places[:-1]], one[places[1:]]]))
+    gap = np.concatenate(gaps)
+    if not len(gap):
+        return 1.0, 0.0, 0.0
+    commonest = int(np.bincount(gap).argmax())
+    first, second = np.concatenate(pairs, axis=1)[:, gap == commonest]
+    squares = 0.5 * float((first**2 + second**2).sum())
+    return float(commonest), float(first @ second) / max(squares, 1e-300), float(len(first))
 
 
 class SlowBasis(NamedTuple):
@@ -78,12 +103,14 @@ class SlowBasis(NamedTuple):
 class Whitening(NamedTuple):
     """What turns the residuals of trials into independent ones of variance 1.
 
-    Residuals (..., E, C, T) become ``scale * (weight * r[t] - back * weight * r[t - 1])``.
+    Residuals (..., E, C, T) become ``scale * (weight * r[t] - back * weight * r[before])``, of the
+    last sample before t that is not missing.
     """
 
     weight: Floats  #: (E, C, T)
     back: Floats | None  #: (E, C, T), None where no noise is coloured
     scale: Floats | None  #: (E, C, T), with ``back``
+    before: NDArray[np.intp] | None  #: (E, C, T), None where that is t - 1
 
     def __call__(self, residuals: NDArray[Any], trials: NDArray[np.intp]) -> NDArray[Any]:
         """Return whitened residuals (S, E', ..., C T) of some ``trials`` (E',), in their type."""
@@ -98,8 +125,13 @@ class Whitening(NamedTuple):
         with np.errstate(invalid="ignore"):  # a robot that diverged
             white = residuals.reshape(*shape[:-1], channels, samples) * of(self.weight)
             if self.back is not None and self.scale is not None:
-                before = white[..., :-1].copy()
-                white[..., 1:] -= of(self.back)[..., 1:] * before
+                if self.before is None:
+                    last = white[..., :-1].copy()
+                else:
+                    places = self.before[trials].reshape(len(trials), *middle, channels, samples)
+                    every = np.broadcast_to(places, white.shape)
+                    last = np.take_along_axis(white, every, axis=-1)[..., 1:]
+                white[..., 1:] -= of(self.back)[..., 1:] * last
                 white *= of(self.scale)
         found: NDArray[Any] = white.reshape(shape)
         return found
@@ -272,14 +304,19 @@ class Observed:
         if self.weight is not None:
             weight *= self.weight[:, ::stride].swapaxes(1, 2)
         if self.noise is None:
-            return Whitening(weight, None, None)
+            return Whitening(weight, None, None, None)
         weight = weight / self.noise.sd[:, None]
         if not self.noise.correlation.any():
-            return Whitening(weight, None, None)
-        back = np.zeros(samples)
-        follows = (weight[:, :, 1:] > 0.0) & (weight[:, :, :-1] > 0.0)
-        back[:, :, 1:] = np.where(follows, self.noise.correlation[:, None] ** stride, 0.0)
-        return Whitening(weight, back, (1.0 - back**2) ** -0.5)
+            return Whitening(weight, None, None, None)
+        there = weight > 0.0
+        place = np.arange(samples[2])
+        last = np.maximum.accumulate(np.where(there, place, -1), axis=2)
+        before = np.concatenate([np.full((*samples[:2], 1), -1), last[:, :, :-1]], axis=2)
+        shared = (self.noise.correlation[:, None] ** stride) ** (place - before)
+        back = np.where(there & (before >= 0), shared, 0.0)
+        scale = (1.0 - back**2) ** -0.5
+        follows = bool((there[:, :, 1:] <= there[:, :, :-1]).all())  # none is missing in between
+        return Whitening(weight, back, scale, None if follows else np.maximum(before, 0))
 
     @cached_property
     def weighted(self) -> Floats:

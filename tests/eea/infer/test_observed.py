@@ -13,7 +13,7 @@ from eea.infer.fit import fit
 from eea.infer.misfit import COARSE, FINE, Regression
 from eea.infer.robot import Robot
 from eea.infer.statement import Number
-from eea.infer.trials import Observed, spectrum
+from eea.infer.trials import Noise, Observed, spectrum
 from eea.infer.unknowns import Unknowns
 
 TIME = 0.01 * np.arange(1, 129)
@@ -107,3 +107,26 @@ def test_slow_errors_have_the_weights_of_the_first_axis():
     weight = np.tile([2.0, 3.0], (1, 64, 1))
     basis = Observed(np.zeros((1, 1)), np.zeros((1, 64, 2)), weight).slow_basis(0, 4.0)
     np.testing.assert_allclose(basis.variances, 4.0 * spectrum(64, 4.0))
+
+
+def test_whitened_residuals_are_independent_across_missing_samples():
+    rng = np.random.default_rng(0)
+    there = rng.random((2, 12, 2)) < 0.5
+    noise = Noise(np.array([0.5, 2.0]), np.array([0.9, 0.4]))
+    observed = Observed(np.zeros((2, 1)), np.zeros(there.shape), there.astype(float), noise=noise)
+    apart = rng.normal(size=(2, 2, 12)) * there.swapaxes(1, 2)  # of each trial and channel
+    for stride in (1, 2):
+        whitening = observed.whitening(stride)
+        assert whitening is not None
+        one = apart[:, :, ::stride]
+        samples = one.shape[2]
+        white = whitening(one.reshape(1, 2, -1), np.arange(2)).reshape(one.shape)
+        for trial, channel in np.ndindex(2, 2):
+            own = np.flatnonzero(there[trial, ::stride, channel])
+            share = noise.correlation[channel] ** stride
+            covariance = noise.sd[channel] ** 2 * share ** np.abs(own[:, None] - own)
+            left = one[trial, channel, own]
+            wanted = left @ np.linalg.solve(covariance, left)
+            assert (white[trial, channel] ** 2).sum() == pytest.approx(wanted, rel=1e-9)
+            absent = np.setdiff1d(np.arange(samples), own)
+            assert not white[trial, channel, absent].any()

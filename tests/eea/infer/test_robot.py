@@ -356,6 +356,26 @@ def test_noise_of_each_channel_is_estimated_with_its_colour():
     assert found.good, found.verdict
 
 
+@pytest.mark.parametrize("missing", ["in turn", "two of three", "at random"])
+def test_noise_keeps_its_colour_where_samples_are_missing(missing):
+    rng = np.random.default_rng(3)
+    push = np.tile(PUSH, 10)
+    trial = measured(rng, push, correlation=0.8)
+    signal = np.array(trial.signal)
+    if missing == "in turn":  # two topics, at half of the rate each
+        signal[::2, 0] = np.nan
+        signal[1::2, 1] = np.nan
+    elif missing == "two of three":
+        signal[np.arange(len(signal)) % 3 > 0] = np.nan
+    else:
+        signal[rng.random(signal.shape) < 0.6] = np.nan
+    found = infer(SOUGHT, [Trial(signal, push)])
+    assert found.noise is not None
+    np.testing.assert_allclose(found.noise.sd, SD, rtol=0.15)
+    np.testing.assert_allclose(found.noise.correlation, 0.8, atol=0.1)
+    assert found.good, found.verdict
+
+
 def test_the_unit_of_a_channel_makes_no_difference():
     trial = measured(np.random.default_rng(2))
     scales = np.array([1e6, 1e-9])
