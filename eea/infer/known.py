@@ -29,6 +29,7 @@ the next one fails, too, the robot's hypotheses are weighed by it.
 from __future__ import annotations
 
 import numbers
+from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -63,6 +64,7 @@ from eea.infer.search import Optima, hop, improved, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
 from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns
+from eea.infer.words import BOUND_DISTANCE, at_end, at_ends, several
 
 NORMAL_95 = 1.6448536269514722
 
@@ -421,7 +423,8 @@ def learn(
     ------
     ConfigurationError
         If there are fewer than two logs, too few samples, not as many labels as logs, or no session
-        has the label ``ongoing`` or two logs from which the spread within a session can be told.
+        has the label ``ongoing`` or two logs from which the spread within a session can be told;
+        or if each log is explained alike by several answers.
     """
     instance("robot", robot, RobotModel)
     if len(all_of("known_good", known_good, Trial)) < 2:
@@ -451,6 +454,7 @@ def learn(
             f"{len(known_good)} logs, or the noise cannot be told; got {observed.size}"
         )
     noise = first_guess(robot, observed)
+    plain = whole
     before: list[LogFit | None] = [None] * len(known_good)
     for _ in range(ROUNDS):
         fits = _fit_each(whole, known_good, effort, noise, seed, before)
@@ -461,9 +465,32 @@ def learn(
     whole = replace(whole, prior=_spread(fits, labels, widened=True))
     fits = _fit_each(whole, known_good, effort, noise, seed, before)
     misfits = np.array([_misfit(one.optima) for one in fits])
-    said = contradictions(whole, [one.optima for one in fits], groups)
+    said = _of_each_alone(plain, known_good, effort, noise, seed)
+    said += contradictions(whole, [one.optima for one in fits], groups)
     said += only_rounding(noise, observed, robot)
     return Known(replace(robot, prior=later), noise, misfits=misfits, findings=tuple(said))
+
+
+def _of_each_alone(
+    robot: RobotModel, logs: Sequence[Trial], config: FitConfig, noise: Noise, seed: int
+) -> list[str]:
+    """Return a sentence on each number that most logs, each by itself, want beyond its range.
+
+    Each by itself, because the spread of all holds every log to the answer of the first fits.
+
+    Raises
+    ------
+    ConfigurationError
+        If each is explained alike by several answers.
+    """
+    alone = [infer(robot, [log], seed, config, noise).branches[0] for log in logs]
+    if all(len(one.ambiguous) for one in alone):
+        raise ConfigurationError(
+            "known_good must have a log that tells one answer; got the first, by which "
+            f"{several(alone[0])[0]}"
+        )
+    ends = Counter(said for one in alone for said in at_ends(one))
+    return [said for said, count in ends.items() if 2 * count > len(logs)]
 
 
 def _labels(sessions: Sequence[object] | None, count: int) -> list[object]:
@@ -571,7 +598,8 @@ class Followed:
     innovation: Floats | None
     p: float  #: The chance that a window agrees as badly, if the numbers are as they were.
     alarm: bool  #: Whether that is below the rate of false alarms.
-    #: What has changed, most probable first, if ``alarm``: see ``Answer.findings``.
+    #: What has changed, most probable first, if ``alarm``: see ``Answer.findings``. Without an
+    #: alarm, which numbers are at an end of their ranges.
     findings: tuple[str, ...] = ()
     #: Whether the window is explained, by the numbers as they were or by a hypothesis.
     explained: bool = True
@@ -702,7 +730,8 @@ class Follower:
         if p >= self._alarm:
             self._doubted = False
             self._known = self._after(regression, best.theta[0], known)
-            return Followed(self.table(), innovation, p, alarm=False)
+            ends = self._at_ends(regression.parameters, best.theta[0])
+            return Followed(self.table(), innovation, p, False, ends)
         self._known = known
         rounding = only_rounding(self._noise, regression.observed, self._robot)
         if not self._doubted:
@@ -790,6 +819,15 @@ class Follower:
     def _entries(self, parameters: Unknowns) -> NDArray[np.intp]:
         """Return which entries are the numbers that are followed."""
         return np.array([parameters.names.index(name) for name in self._names], dtype=np.intp)
+
+    def _at_ends(self, parameters: Unknowns, theta: Floats) -> tuple[str, ...]:
+        """Return a sentence on each number that a window's best fit has at an end of its range."""
+        return tuple(
+            at_end(parameters, entry, float(bound))
+            for entry in self._entries(parameters).tolist()
+            for bound in (parameters.low[entry], parameters.high[entry])
+            if abs(theta[entry] - bound) < BOUND_DISTANCE
+        )
 
     def _innovation(self, regression: Regression, theta: Floats) -> Floats:
         """Return what the numbers known before leave, if the window's own numbers are fitted."""

@@ -232,3 +232,22 @@ def test_an_alarm_by_noise_that_is_only_rounding_says_so():
     assert all(one.alarm for one in found)
     for one in found:
         assert any("noise of force, 1e-08 N, is only rounding" in said for said in one.findings)
+
+
+def test_each_window_says_that_a_number_is_at_the_end_of_its_range():
+    wave = np.sin(0.1 * np.arange(80))[:, None]
+    robot = Robot(
+        lambda values, _: values["gain"][:, None, None] * wave,
+        {"gain": Number(0.0, 1.0)},
+        {"side": "m"},
+    )
+    rng = np.random.default_rng(0)
+    for gain, said in (
+        (1.1, ("gain is at the end of its range, 1, and may be beyond it",)),
+        (0.5, ()),
+    ):
+        follower = robot.follow({"side": 0.3})
+        for _ in range(3):
+            found = follower.update(Trial(gain * wave + rng.normal(0.0, 0.3, wave.shape)))
+            assert not found.alarm
+            assert found.findings == said

@@ -328,3 +328,34 @@ def test_a_later_log_may_begin_elsewhere_than_the_known_good_ones():
         _, low, high = found.table(0.99)["speed at first@1"]
         assert low < speed < high
     assert not reference.test(log(1.5, gain=0.7)).same
+
+
+COUNT = np.arange(80)
+
+
+def test_known_good_logs_that_two_answers_explain_alike_are_refused():
+    def alias(values, _):  # four samples a turn: 1 turn more is the same signal
+        turns = 0.25 * COUNT * values["speed"][:, None]
+        return np.sin(2.0 * np.pi * turns)[:, :, None]
+
+    wheel = Robot(alias, {"speed": Number(0.1, 7.9, unit="Hz")}, {"side": "m"})
+    rng = np.random.default_rng(0)
+    side = np.sin(2.0 * np.pi * 0.25 * 2.7 * COUNT)[:, None]
+    logs = [Trial(side + rng.normal(0.0, 0.1, side.shape)) for _ in range(3)]
+    with pytest.raises(ConfigurationError, match=r"one answer; .*: 2\.7 Hz and 6\.7 Hz"):
+        wheel.learn(logs)
+
+
+@pytest.mark.parametrize("gain", [1.3, 0.5])
+def test_known_good_logs_beyond_a_range_are_said_to_be(gain):
+    wave = np.sin(0.1 * COUNT)[:, None]
+    robot = Robot(
+        lambda values, _: values["gain"][:, None, None] * wave,
+        {"gain": Number(0.0, 1.0)},
+        {"side": "m"},
+    )
+    rng = np.random.default_rng(0)
+    logs = [Trial(gain * wave + rng.normal(0.0, 0.3, wave.shape)) for _ in range(4)]
+    said = robot.learn(logs).findings
+    at_end = "gain is at the end of its range, 1, and may be beyond it"
+    assert said == ((at_end,) if gain > 1.0 else ())
