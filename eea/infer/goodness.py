@@ -150,7 +150,7 @@ def goodness_of_fit(
 
 
 LOUD_JITTER = 0.1  # of the noise: of more, intervals may be too narrow
-TOO_LOUD_JITTER = 0.5  # of the noise: of more, they are; a kink, as of friction, looks like less
+TOO_LOUD_JITTER = 1.0  # of the noise: of more, they are; kinks and strong bends look like less
 
 
 def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:

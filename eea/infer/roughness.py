@@ -4,15 +4,17 @@ An adaptive solver, single precision, contacts and tables make a signal rough: a
 number changes it by more, or by less, than a large step says. A difference over a step t of a
 signal with roughness e has an error of e / t, which passes for information. A table of differences
 at five even steps tells roughness from curvature (J. J. More and S. M. Wild, "Estimating
-computational noise", 2011): with white roughness, the k-th differences have the variance
-(2k)! / (k!)^2 e^2, and of a smooth signal each order is far smaller than the one before. The
-derivative of a rough number takes that larger step.
+computational noise", 2011): with white roughness e the fourth differences have the variance
+70 e^2 at any step, and those of a smooth signal fall with the step. The derivative of a rough
+number takes the step above which they begin to fall.
 
 A number that acts in steps, such as a delay in samples, has a plateau: within it the signal is the
 same to the bit.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +26,17 @@ from eea.infer.unknowns import FIXED_SLOT
 SHARE_OF_SIGNAL = 0.05  # by which one step changes the signal at most
 SDS_OF_STEP = 5.0  # of a number: the most of one step
 LARGEST_STEP = 0.05  # of a range or in rad
-FOURTH_TO_SECOND = (6.0 / 70.0) ** 0.5  # of the norms of the differences of white roughness
-LEAST_ROUGH_RATIO = 0.1  # of that ratio and the one found: below it the signal is only bent
+SHRINK = 8.0  # times smaller is the next step that tells roughness from a bend
+STAYS = 0.3  # of the fourth differences: a bend or a kink leaves an eighth at most
+LEVELS = 6  # steps that are tried
+ROUNDING = 1e-6  # of the noise: differences of less are no roughness
 DERIVATIVE_ERROR = 0.01  # of a number's precision: a smaller squared error changes nothing
 FLAT_SHARE = 1e-3  # of the slope over a large step: a slope of less is that of a plateau
 JUMP_COST = 10.0  # of half the sum of squares: a step that changes it by more is no flat one
 LEAST_JUMP = 1.0  # of the signal at the end of a plateau, in sds; smaller steps are roughness
 TENTH = 0.1  # of a range: the first step past the end of a plateau
 HALVINGS = 20  # that find the end of a plateau
-SAME_SHARE = (
-    1e-6  # of the change by a tenth of the range: a signal that differs by less is the same
-)
+SAME_SHARE = 1e-6  # of the change by a tenth of the range: by less a signal is the same
 LEAST_PLATEAU = 1e-4  # of a range; narrower ones are roughness
 REPEATED_SHARE = 1e-6  # of the noise: numbers that differ by less are the same
 
@@ -68,6 +70,25 @@ class Near:
         vectors = np.tile(self.theta, (5, 1))
         vectors[:, entries] = middle + step * np.arange(-2.0, 3.0)[:, None]
         return vectors
+
+    def rough_step(self, slot: int, step: float, fourth: float) -> tuple[float, float] | None:
+        """Return the step that a rough slot's derivative takes, and the differences there.
+
+        None where the signal is only bent: its ``fourth`` differences fall with the step, even at
+        a kink. Those of a rough signal stay, from a step to the next two.
+        """
+        found = [fourth]
+        steps = [step]
+        while len(found) < LEVELS and steps[-1] > 2.0 * SHRINK * FINE.difference:
+            steps.append(steps[-1] / SHRINK)
+            line = self.signals(self.line(slot, steps[-1]))
+            found.append(float(np.linalg.norm(np.diff(line, 4, axis=0))))
+            stays = [after > STAYS * before for before, after in pairwise(found)]
+            if not found[-1] > ROUNDING * (70.0 * line.shape[1]) ** 0.5:
+                return None
+            if stays[-2:] == [True, True]:
+                return steps[-3], found[-2]
+        return None
 
 
 def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
@@ -116,19 +137,13 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
             if found is not None:
                 widths[slot] = found[1] - found[0]
                 continue
-        second = np.linalg.norm(np.diff(line, 2, axis=0)) / 3.0**0.5
         fourth = float(np.linalg.norm(np.diff(line, 4, axis=0)))
-        noisy = fourth * FOURTH_TO_SECOND > LEAST_ROUGH_RATIO * second
-        # What the signal's bend may add to either slope, if it is smooth.
-        bent = fourth / step + 2.0 * FINE.difference * second / step**2
-        if noisy or float(np.linalg.norm(error)) > bent:
-            steps[slot] = step
-            unit = slope.size**0.5
-            jitter = max(
-                jitter,
-                fourth / 70.0**0.5 / unit,
-                float(np.linalg.norm(error)) * FINE.difference / 2.0**0.5 / unit,
-            )
+        unit = (70.0 * slope.size) ** 0.5
+        rough = near.rough_step(slot, step, fourth)
+        if rough is not None:
+            steps[slot], fourth = rough
+        if rough is not None or step < LARGEST_STEP:  # a number that is known, within its sds
+            jitter = max(jitter, fourth / unit)
     unrepeated = unrepeated if unrepeated > REPEATED_SHARE else 0.0
     return Roughness(looked, steps, widths, jitter, unrepeated)
 
@@ -167,7 +182,8 @@ def plateau(near: Near, entry: int) -> tuple[float, float] | None:
         inner = np.where(moved, inner, middle)
     steps = np.concatenate([inner, outer])
     left = changed(steps)
-    inside, outside = left[:2], left[2:]
+    inside = left[:2]
+    outside = left[2:]
     reached = outer == box  # or the end of the range, where nothing has changed
     jump = reached | ((outside - inside > 0.5 * outside) & (outside > LEAST_JUMP))
     if not jump.all() or reached.all() or outer[1] - outer[0] < LEAST_PLATEAU:

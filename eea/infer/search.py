@@ -617,7 +617,8 @@ def _on_plateaus(optima: Optima, entry: int) -> tuple[Optima, list[Plateau]]:
     ends = {0.5 * (first[0] + first[1]): first}
     worse: dict[float, float] = {}
     for side in (0, 1):
-        at, theta = first, best
+        at = first
+        theta = best
         for _ in range(MOST_KEPT):
             beside = at[side] + (2 * side - 1) * BESIDE * (at[1] - at[0])
             if not regression.parameters.low[entry] <= beside <= regression.parameters.high[entry]:

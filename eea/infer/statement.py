@@ -550,8 +550,9 @@ class RobotModel:
         }
         if self.prior is not None:
             for name, share in zip(self.prior.names, self.prior.mean.tolist(), strict=True):
-                number = self.table[name]
-                found[name] = number.low + (number.high - number.low) * share
+                if name in self.table:  # what is known of the robot at rest is known in mid-swim
+                    number = self.table[name]
+                    found[name] = number.low + (number.high - number.low) * share
         return {**found, **self.healthy}
 
     def without_healthy(self) -> Self:

@@ -230,10 +230,12 @@ def of_simulator(optima: Optima) -> list[str]:
     if len(steps):
         ends = dict.fromkeys(f"{100.0 * step:.1g}%" for step in (steps.min(), steps.max()))
         words = f"simulate jitters by {rough.jitter:.1g} of the noise: derivatives use steps of "
-        words += " to ".join(ends)
-        if rough.jitter > LOUD_JITTER:
-            words += "; unless it only has kinks, the intervals may be too narrow"
-        said.append(words)
+        said.append(words + " to ".join(ends))
+    if rough.jitter > LOUD_JITTER:
+        said.append(
+            f"simulate jitters or bends by {rough.jitter:.1g} of the noise within a few sds of a "
+            "number: the intervals may be too narrow"
+        )
     return said
 
 

@@ -141,7 +141,8 @@ def test_what_the_first_trials_rule_out_is_never_fitted_again():
     for trials in (1, 2, 3):
         observed = Observed(np.full((trials, 1), 0.5), signal[:trials])
         belief = fit(observed, robot, always, rng, belief, progress=fitted.append)
-    assert fitted == [robot.nominal.name, hopeless.name, *[robot.nominal.name] * 2]
+    begun = [said for said in fitted if not said.endswith(" simulations")]
+    assert begun == [robot.nominal.name, hopeless.name, *[robot.nominal.name] * 2]
 
 
 FIN = replace(

@@ -217,7 +217,7 @@ def test_ctrl_c_passes_through_a_simulator_that_is_retried():
         calls.append(len(push))
         raise KeyboardInterrupt
 
-    with pytest.raises(TargetError, match="Ctrl-C ended the search before any simulation"):
+    with pytest.raises(KeyboardInterrupt):
         infer(replace(SOUGHT, simulate=interrupted), [measured(np.random.default_rng(0))])
     assert len(calls) == 1
 
