@@ -14,8 +14,6 @@ same to the bit.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +26,7 @@ SDS_OF_STEP = 5.0  # of a number: the most of one step
 LARGEST_STEP = 0.05  # of a range or in rad
 SHRINK = 8.0  # times smaller is the next step that tells roughness from a bend
 STAYS = 0.3  # of the fourth differences: a bend or a kink leaves an eighth at most
-LEVELS = 6  # steps that are tried
+NEARLY_FLOOR = 3.0  # times the differences of roughness alone: those of a step that will do
 ROUNDING = 1e-6  # of the noise: differences of less are no roughness
 DERIVATIVE_ERROR = 0.01  # of a number's precision: a smaller squared error changes nothing
 FLAT_SHARE = 1e-3  # of the slope over a large step: a slope of less is that of a plateau
@@ -75,20 +73,19 @@ class Near:
         """Return the step that a rough slot's derivative takes, and the differences there.
 
         None where the signal is only bent: its ``fourth`` differences fall with the step, even at
-        a kink. Those of a rough signal stay, from a step to the next two.
+        a kink. Those of a rough signal stay. Two steps are taken together, since one may happen to
+        be a period of what is rough.
         """
-        found = [fourth]
-        steps = [step]
-        while len(found) < LEVELS and steps[-1] > 2.0 * SHRINK * FINE.difference:
-            steps.append(steps[-1] / SHRINK)
-            line = self.signals(self.line(slot, steps[-1]))
-            found.append(float(np.linalg.norm(np.diff(line, 4, axis=0))))
-            stays = [after > STAYS * before for before, after in pairwise(found)]
-            if not found[-1] > ROUNDING * (70.0 * line.shape[1]) ** 0.5:
-                return None
-            if stays[-2:] == [True, True]:
-                return steps[-3], found[-2]
-        return None
+        steps = step / SHRINK ** np.arange(6.0)
+        lines = self.signals(np.concatenate([self.line(slot, each) for each in steps[1:]]))
+        each = np.diff(lines.reshape(5, 5, -1), 4, axis=1)
+        found = np.append(fourth, np.linalg.norm(each, axis=(1, 2)))
+        before = found[2:4].max()
+        after = float(found[4:].max())
+        rounding = ROUNDING * (70.0 * lines.shape[1]) ** 0.5
+        if not (after > STAYS * before and after > rounding):
+            return None
+        return float(steps[found <= NEARLY_FLOOR * after].max(initial=steps[3])), after
 
 
 def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
