@@ -29,7 +29,7 @@ from eea.infer.answer import Answer
 from eea.infer.descent import descend
 from eea.infer.misfit import COARSE, Regression
 from eea.infer.robot import Robot
-from eea.infer.search import EVERY_FOURTH_SAMPLE, scan
+from eea.infer.scan import EVERY_FOURTH_SAMPLE, scan
 from eea.infer.trials import Observed
 from eea.infer.unknowns import Unknowns
 

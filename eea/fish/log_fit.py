@@ -11,8 +11,8 @@ from eea.core.config import FitConfig
 from eea.fish.windows import LogWindows
 from eea.infer.answer import Answer
 from eea.infer.fit import fit
+from eea.infer.optima import Optima
 from eea.infer.robot import Robot
-from eea.infer.search import Optima
 
 #: s. Times of changes between closer rows never matter.
 CLOSEST_ROWS_SECONDS = 0.002

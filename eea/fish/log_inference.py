@@ -25,8 +25,8 @@ from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import LogWindows, Start, log_windows
 from eea.infer.answer import Answer
 from eea.infer.known import FALSE_ALARM_PROBABILITY, Known, Verdict, check_alarm
+from eea.infer.optima import Optima
 from eea.infer.robot import Robot
-from eea.infer.search import Optima
 from eea.infer.trials import Observed
 
 WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely after it

@@ -58,7 +58,7 @@ from eea.infer.design import UNTOLD_SHARE
 from eea.infer.laplace import Laplace
 from eea.infer.misfit import FINE, Regression
 from eea.infer.mixture import Mode
-from eea.infer.search import Optima
+from eea.infer.optima import Optima
 from eea.infer.statement import Values
 
 

@@ -18,7 +18,7 @@ from eea.infer.design import Identified, Prospect, identified, prospects
 from eea.infer.goodness import Goodness
 from eea.infer.misfit import Roughness
 from eea.infer.mixture import holding, intervals
-from eea.infer.search import Optima
+from eea.infer.optima import Optima
 from eea.infer.statement import RobotModel
 from eea.infer.trials import Noise, Trial
 from eea.infer.words import (

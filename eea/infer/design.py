@@ -29,7 +29,7 @@ from eea.infer.box_normal import log_mass
 from eea.infer.branch import Branch
 from eea.infer.laplace import Laplace
 from eea.infer.misfit import FINE, Misfit, Regression
-from eea.infer.search import Optima
+from eea.infer.optima import Optima
 from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import Observed, Trial
 from eea.infer.unknowns import Unknowns

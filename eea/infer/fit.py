@@ -28,23 +28,14 @@ from eea.infer.branch import Branch
 from eea.infer.goodness import LEAST_RELATIVE_RMS, of_rough_simulator
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
-from eea.infer.search import (
-    Optima,
-    agreed,
-    as_they_are,
-    halved,
-    improved,
-    polished,
-    pose,
-    search,
-    settled,
-    stepped,
-    with_others,
-)
+from eea.infer.optima import Optima, as_they_are, improved
+from eea.infer.scan import pose
+from eea.infer.search import agreed, halved, polished, search
 from eea.infer.simulating import OutOfBudgetError, Simulations
 from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
+from eea.infer.valleys import settled, stepped, with_others
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted

@@ -60,7 +60,8 @@ from eea.infer.branch import LEAST_SD
 from eea.infer.descent import Fitted, descend
 from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
 from eea.infer.misfit import COARSE, FINE, Regression, Roughness
-from eea.infer.search import Optima, hop, improved, pose
+from eea.infer.optima import Optima, improved
+from eea.infer.scan import hop, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
 from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns

@@ -336,7 +336,7 @@ class Discrepancy(Protocol):
     def doubts(self, fits: Sequence[Any], best: Any) -> tuple[list[list[Any]], tuple[str, ...]]:
         """Return the modes of hypotheses' ``fits`` with these errors, and sentences on them.
 
-        ``best`` is the best of the fits, each of them :class:`eea.infer.search.Optima`.
+        ``best`` is the best of the fits, each of them :class:`eea.infer.optima.Optima`.
         """
 
 

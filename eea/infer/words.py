@@ -15,7 +15,7 @@ from eea.infer.branch import Branch
 from eea.infer.design import moved_alone, would_not_show
 from eea.infer.goodness import LOUD_JITTER
 from eea.infer.mixture import Mixture
-from eea.infer.search import Optima
+from eea.infer.optima import Optima
 from eea.infer.statement import TURNS, Hypothesis, RobotModel
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 

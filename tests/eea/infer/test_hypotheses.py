@@ -13,7 +13,8 @@ from eea.infer import fit as inference
 from eea.infer.answer import Answer
 from eea.infer.descent import Fitted
 from eea.infer.misfit import Regression
-from eea.infer.search import Optima, search
+from eea.infer.optima import Optima
+from eea.infer.search import search
 from eea.infer.session import JointInference
 from eea.infer.statement import NOTHING_BROKEN, Hypothesis, Part
 from eea.infer.unknowns import FIXED_PRECISION
