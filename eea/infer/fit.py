@@ -142,10 +142,10 @@ def fit(
     def finished(optima: Optima) -> Optima:
         """Return optima with derivatives that suit the simulator, and those of other valleys."""
         nonlocal roughness
+        if robot.discrepancy is not None:  # which states what its simulator errs by
+            return optima
         optima, roughness = settled(optima, roughness)
-        if robot.discrepancy is None:
-            optima = with_others(optima)
-        return stepped(optima)
+        return stepped(with_others(optima))
 
     # Fit the robot as it should be, then the other hypotheses that are plausible.
     plain = optimize(robot.nominal)
@@ -163,9 +163,8 @@ def fit(
         if any(optima.goodness.good for _, optima in others):
             break
     lowest = min((o for _, o in others), key=_least, default=plain)
-    if (
-        _least(lowest) < _least(plain) and not counter.ended
-    ):  # Is the hypothesis better, or only its search?
+    # Is the hypothesis better, or only its search?
+    if _least(lowest) < _least(plain) and not counter.ended:
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
         alone = plain.mixture(plain)
 
@@ -203,7 +202,7 @@ def fit(
     }
     dropped = (start.dropped | hopeless) - {robot.nominal.name}
     goodness = optima[branches[0].hypothesis.name].goodness
-    if roughness is not None and robot.discrepancy is None:
+    if roughness is not None:
         goodness = of_rough_simulator(goodness, roughness.jitter)
     if own:
         counter.release()
