@@ -31,8 +31,15 @@ from aquafish_gym.utils.validation import (
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.logs.alignment import align
-from eea.logs.columns import Quantity, found_columns
-from eea.logs.guesses import TICKS, Gyroscope, gyroscopes, time_column
+from eea.logs.columns import (
+    TICKS,
+    Gyroscope,
+    Quantity,
+    found_columns,
+    gyroscopes,
+    possible_units,
+    time_columns,
+)
 from eea.logs.stamps import Bunches, bunches_of, even_times, new_rows
 from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
@@ -44,9 +51,6 @@ FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned 
 #: s between two rows of a trial. Rows only need to outnumber the unknowns. An environment's action
 #: lasts 0.2 s; in a longer gap rows are missing, and the commands are unknown.
 LONGEST_GAP_SECONDS = 0.25
-#: Units of time that a logger may write, s; and the least step between rows in them, s.
-UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-SHORTEST_TIME_STEP = 5e-4
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
 TIME_NAMES = {tick: unit for unit, tick in TICKS.items()}
 TURN = 2.0 * np.pi
@@ -383,7 +387,7 @@ def suggested_map(recording: Recording, path: str | os.PathLike[str]) -> list[st
         return []
     gyro = shlex.quote(f"gyro{gyros[0].unit_suffix}={in_fish_axes(gyros[0])}")
     stream = gyros[0].stream
-    clock = time_column(stream)
+    clock = next(time_columns(stream), None)
     time = ""
     if clock is not None and not stream.clocks:
         unit = "" if clock[0] in stream.units else f":{TIME_NAMES[clock[1]]}"
@@ -424,15 +428,10 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
         )
     typical = float(np.median(steps))
     if typical > LONGEST_GAP_SECONDS:
-        units = [
-            unit
-            for unit, size in UNITS.items()
-            if SHORTEST_TIME_STEP < typical * size < LONGEST_GAP_SECONDS
-        ]
         raise InvalidArgumentError(
             f"{name} must have at least {1.0 / LONGEST_GAP_SECONDS:g} rows a second, with time in "
             f"s; it has one in {shown(typical)} s"
-            + "".join(f": is the time in {unit}?" for unit in units[:1])
+            + "".join(f": is the time in {unit}?" for unit in possible_units(time[rows])[:1])
         )
     wrong = np.flatnonzero((steps <= 0.0) | (steps > LONGEST_GAP_SECONDS))
     if not len(wrong):

@@ -8,7 +8,7 @@ sensor's row to the next. Nothing is matched by row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of
 from eea.core.angles import Floats
-from eea.logs.cells import TIME_UNITS
 from eea.logs.columns import (
     TIME,
     TRIAL,
@@ -27,11 +26,11 @@ from eea.logs.columns import (
     found_columns,
     found_term,
     named_columns,
+    time_columns,
     time_unit,
     unit_size,
 )
-from eea.logs.guesses import TIME_COLUMN, usual_tick
-from eea.logs.streams import Recording, Stream
+from eea.logs.streams import TIME_UNITS, Recording, Stream
 
 RECORDER_CLOCK = "log_time"
 ROUNDED_DIGITS = 3  # of a time in s that is given or shown
@@ -57,6 +56,35 @@ class Series(NamedTuple):
     def usual_step(self) -> float:
         """The median time between two rows, s; infinite for one row."""
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else np.inf
+
+    @property
+    def rate(self) -> str:
+        """How many rows a second there are, in words."""
+        if 0.0 < self.usual_step < np.inf:
+            return f"{1.0 / self.usual_step:.3g} rows a second"
+        return "one row" if len(self.time) == 1 else "rows at one time"
+
+    def within(self, begin: float, end: float) -> NDArray[np.bool_]:
+        """Return which rows (T,) are ``begin`` to ``end`` s after the first one.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If none is.
+        """
+        since = (self.time - self.time[0]).round(ROUNDED_DIGITS)
+        kept: NDArray[np.bool_] = (since >= begin) & (since <= end)
+        if not kept.any():
+            raise InvalidArgumentError(
+                f"between must have rows of {self.stream.name or 'the log'}, which lasts "
+                f"{_short(float(np.ptp(self.time)))} s; got {begin:g} to {end:g}"
+            )
+        return kept
+
+    def held(self, begin: float, end: float) -> Floats:
+        """Return the times (T,), s, with those of rows that do not hold in a part at its edges."""
+        since = self.time[self.time <= begin].max(initial=self.time[0])
+        return np.clip(self.time, since, max(since, end))
 
     def only(self, kept: NDArray[np.bool_]) -> Series:
         """Return some of the rows (T,)."""
@@ -192,58 +220,50 @@ def align(
         As :func:`locate`, or if a stream has a hole or goes back in time. The message says what to
         do.
     """
-    trial = TRIAL if TRIAL in quantities else None
-    parts = [
-        _aligned(part, quantities, columns, between, longest_gap)
-        for part in by_trial(recording, columns.get(TRIAL, trial))
-    ]
-    names = parts[0].values
+    parts = []
+    for part in by_trial(recording, columns.get(TRIAL, TRIAL if TRIAL in quantities else None)):
+        series, remarks = locate(part, quantities, columns)
+        sensor = next(iter(series.values()))
+        if sensor.stream.clocks or any(name.partition(":")[0] == TIME for name in columns):
+            # times since 1970, or since the computer's start
+            begin = float(sensor.time[0])
+            series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
+        held = [name for name in series if quantities[name].held]
+        parts.append(_aligned(series, held, between, longest_gap, remarks))
     return Aligned(
         np.concatenate([part.time for part in parts]),
-        {name: np.concatenate([part.values[name] for part in parts]) for name in names},
+        {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
         list(dict.fromkeys(remark for part in parts for remark in part.remarks)),
     )
 
 
 def _aligned(
-    recording: Recording,
-    quantities: Mapping[str, Quantity],
-    columns: Mapping[str, str],
+    series: Mapping[str, Series],
+    held: Sequence[str],
     between: tuple[float, float] | None,
     longest_gap: float,
+    remarks: list[str],
 ) -> Aligned:
-    series, remarks = locate(recording, quantities, columns)
-    sensor = series[next(iter(quantities))]
+    """Return one trial's series at the rows of the first one, and add to the remarks on them."""
+    own, sensor = next(iter(series.items()))
     stream = sensor.stream
-    mapped = any(name.partition(":")[0] == TIME for name in columns)
-    if stream.clocks or mapped:  # times since 1970, or since the computer's start
-        begin = float(sensor.time[0])
-        series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
-        sensor = series[next(iter(quantities))]
     time = sensor.time
     if len(time) < len(stream):
         remarks.append(
             f"{len(time)} of {len(stream)} rows of {stream.name or 'the table'} have "
-            f"{', '.join(quantities[next(iter(quantities))].columns)}: the others are of other "
-            "rates, or lack a reading"
+            f"{own if stream.name else sensor.label}: the others are of other rates, or lack a "
+            "reading"
         )
-    kept = np.ones(len(time), dtype=np.bool_)
-    if between is not None:
-        since = (time - time[0]).round(ROUNDED_DIGITS)
-        kept &= (since >= between[0]) & (since <= between[1])
-        if not kept.any():
-            raise InvalidArgumentError(
-                f"between must have rows of {stream.name or 'the log'}, which lasts "
-                f"{_short(float(np.ptp(time)))} s; got {between[0]:g} to {between[1]:g}"
-            )
-    direct = {
-        name: np.isin(sensor.rows, one.rows).all() if one.stream is stream else False
+    kept = np.ones(len(time), np.bool_) if between is None else sensor.within(*between)
+    direct = [
+        name
         for name, one in series.items()
-    }
+        if one.stream is stream and np.isin(sensor.rows, one.rows).all()
+    ]
     seen: set[bytes] = set()
     for name, one in series.items():
         key = one.stream.name.encode() + one.rows.tobytes()
-        if not direct[name] and key not in seen and kept.any():
+        if name not in direct and key not in seen and kept.any():
             seen.add(key)
             kept &= _known(one, time, kept, longest_gap, remarks)
     if not kept.any():
@@ -253,23 +273,21 @@ def _aligned(
             "do their clocks differ?"
         )
     values = {
-        name: one.values[np.searchsorted(one.rows, sensor.rows)]
-        for name, one in series.items()
-        if direct[name]
+        name: series[name].values[np.searchsorted(series[name].rows, sensor.rows)]
+        for name in direct
     }
     if stream.clocks:
-        own = np.column_stack([time, *(v for n, v in values.items() if not quantities[n].held)])
-        copies = np.append(False, (own[1:] == own[:-1]).all(axis=1)) & kept
+        row = np.column_stack([time, *(values[name] for name in direct if name not in held)])
+        copies = np.append(False, (row[1:] == row[:-1]).all(axis=1)) & kept
         if copies.any():
             remarks.append(f"{copies.sum()} rows of {stream.name} were written twice: one is used")
             kept &= ~copies
         refuse_holes(sensor, time[kept], longest_gap)
-    for name, one in series.items():
-        if direct[name]:
-            values[name] = values[name][kept]
-        else:
-            values[name] = held_means(time[kept], one.time, one.values)
-    return Aligned(time[kept], values, remarks)
+    found = {
+        name: values[name][kept] if name in direct else held_means(time[kept], one.time, one.values)
+        for name, one in series.items()
+    }
+    return Aligned(time[kept], found, remarks)
 
 
 def held_means(at: Floats, time: Floats, values: Floats) -> Floats:
@@ -402,24 +420,30 @@ def _known(
     remarks: list[str],
 ) -> NDArray[np.bool_]:
     """Return at which times (T,) a series of commands is known, and say how it is used."""
-    time = one.time
-    usual = one.usual_step
-    longest = max(SILENT_STEPS * usual, longest_gap)
-    inside = time[(time >= at[kept][0] - longest) & (time <= at[kept][-1])]
-    refuse_holes(one, inside, longest)
-    early = kept & (at < time[0])
-    late = kept & (at > time[-1] + longest)
-    for where, word in ((early, "first"), (late, "last")):
-        if where.any():
-            seconds = _short(float(np.ptp(at[where])))
+    longest = max(SILENT_STEPS * one.usual_step, longest_gap)
+    begin, end = known_part(one, float(at[kept][0]), float(at[kept][-1]), longest)
+    known: NDArray[np.bool_] = (at >= begin) & (at <= end)
+    for where, word in ((at < begin, "first"), (at > end, "last")):
+        if (kept & where).any():
+            seconds = _short(float(np.ptp(at[kept & where])))
             remarks.append(f"the {word} {seconds} s have no row of {one.label}: they are left out")
-    rate = f"{1.0 / usual:.3g} rows a second" if np.isfinite(usual) and usual else "one row"
     remarks.append(
-        f"{one.label} has {rate}: its commands are held until its next row, and averaged from a "
-        "reading to the next"
+        f"{one.label} has {one.rate}: its commands are held until its next row, and averaged from "
+        "a reading to the next"
     )
-    known: NDArray[np.bool_] = ~early & ~late
     return known
+
+
+def known_part(one: Series, begin: float, end: float, longest: float) -> tuple[float, float]:
+    """Return the part of a time, s, in which a series is known, each row for ``longest`` s.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it has a hole in that part, or goes back in time.
+    """
+    refuse_holes(one, one.held(begin, end), longest)
+    return max(begin, float(one.time[0])), min(end, float(one.time[-1]) + longest)
 
 
 def refuse_holes(one: Series, time: Floats, longest: float) -> None:
@@ -453,14 +477,10 @@ def _steady_clock(stream: Stream, longest: float) -> str | None:
 
     The clock that has a hole is none of them.
     """
-    for name, cells in stream.columns.items():
-        tick = stream.clocks.get(name)
-        if tick is None and TIME_COLUMN.search(name) and cells.dtype != object:
-            tick = usual_tick(stream, name)
-        if tick is not None and len(cells) > 1:
-            steps = np.diff(cells) * tick
-            if (steps >= 0.0).all() and steps.max() <= longest:
-                return name
+    for name, tick, _ in time_columns(stream):
+        steps = np.diff(stream.numbers(name)) * tick
+        if len(steps) and (steps >= 0.0).all() and steps.max() <= longest:
+            return name
     return None
 
 

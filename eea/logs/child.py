@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.logs.limits import ADVICE, most_memory, most_seconds
-from eea.logs.streams import Stream
+from eea.logs.streams import ADVICE, Stream, most_memory, most_seconds
 
 MOST_TEXTS = 2**18  # different texts in all columns together; a column with more is left out
 LONGEST_TEXT = 100  # characters of a cell; an error shows fewer

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.utils.validation import one_of
 from eea.core.angles import Floats
-from eea.logs.guesses import commands, gyroscopes, time_column
+from eea.logs.columns import commands, gyroscopes, time_columns
 from eea.logs.streams import Recording, Stream
 
 HOLE_STEPS = 3.0  # usual steps between two rows, in a hole
@@ -46,7 +46,7 @@ def summary(recording: Recording, stream: str | None = None) -> list[str]:
 
 
 def _overview(recording: Recording) -> list[str]:
-    clocks = [time_column(stream) for stream in recording.streams]
+    clocks = [next(time_columns(stream), None) for stream in recording.streams]
     times = [
         None if clock is None else stream.numbers(clock[0]) * clock[1]
         for stream, clock in zip(recording.streams, clocks, strict=True)

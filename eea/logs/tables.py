@@ -10,18 +10,10 @@ import codecs
 import csv
 import io
 import os
-import struct
-from array import array
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
-from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import BinaryIO, NamedTuple
 
 from aquafish_gym.utils.storage import DamagedFileError, open_regular
 from aquafish_gym.utils.validation import (
@@ -31,45 +23,52 @@ from aquafish_gym.utils.validation import (
     install_advice,
     printable,
 )
-from eea.logs.cells import (
-    DECODERS,
+from eea.logs.child import read_in_child
+from eea.logs.libraries import CUT, DECODERS, ardupilot, mcap, parquet, ulog
+from eea.logs.streams import (
+    ADVICE,
     TIME_UNITS,
-    Table,
+    Recording,
+    Stream,
     ascii_unit,
-    decoder,
-    is_clock,
-    leaves,
+    bounded,
+    most_memory,
     named,
     numbers,
-    seconds,
+    refuse_cells,
     stated_units,
 )
-from eea.logs.child import read_in_child
-from eea.logs.libraries import WholeReads, ends_within_message, open_dataflash
-from eea.logs.limits import (
-    ADVICE,
-    MOST_COLUMNS,
-    bounded,
-    most_cells,
-    most_memory,
-    refuse_cells,
-)
-from eea.logs.other_formats import refuse_other
-from eea.logs.streams import Recording, Stream
 
 LARGEST_CSV_BYTES = 64 * 2**20  # more than an hour at 100 rows a second
 #: A CSV of at most this size is read here: its cells, of which ``_csv`` refuses too many, take
 #: less than 0.2 GB and 2 s, and starting a process takes longer than reading it.
 SMALL_CSV_BYTES = 2**20
 LARGEST_LOG_BYTES = 2**31
-ARDUPILOT_CLOCKS = (("TimeUS", 1e-6), ("TimeMS", 1e-3))
-CUT = "the file ends in the middle of a row, which is left out"
 #: Units of which a row of units has at least one.
 USUAL_UNITS = frozenset({
     *TIME_UNITS, "rad", "deg", "rad/s", "deg/s", "dps", "m", "m/s", "m/s^2", "m/s2", "g", "V", "A",
     "Hz", "Pa",
 })  # fmt: skip
 UNENDED = "the file's last row has no end of line, so that it may be cut: it is left out"
+PACKED = "it is packed: unpack it first"
+TABLE = "write the columns as CSV or Parquet"
+#: The first bytes of a file -> what it is, and what to do.
+BEGINNINGS = {
+    b"#ROSBAG": "it is a ROS 1 bag: convert it by `mcap convert swim.bag swim.mcap`",
+    b"SQLite format 3": (
+        "it is a ROS 2 bag in SQLite: convert it by `mcap convert swim.db3 swim.mcap`"
+    ),
+    b"version https://git-lfs": "it is a pointer of Git LFS: get the file by `git lfs pull`",
+    b"PK\x03\x04": PACKED,
+    b"\x1f\x8b": PACKED,
+    b"\x28\xb5\x2f\xfd": PACKED,
+    b"BZh": PACKED,
+    b"\x89HDF": f"it is an HDF5 file: {TABLE}",
+    b"MATLAB 5": f"it is a MATLAB file: {TABLE}",
+    b"FMT, 128": "it is an ArduPilot log as text: download the BIN of the same flight",
+    b"H Product:Blackbox": "it is a Blackbox log: convert it by `blackbox_decode`, to CSV",
+}
+TLOG_MAGIC = (0xFD, 0xFE)  # the first byte of a MAVLink packet, after 8 bytes of time
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -91,7 +90,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     kind = next((one for one in FORMATS if one.begins and begin.startswith(one.begins)), CSV)
     remarks: list[str] = []
     try:
-        refuse_other(begin)
+        _refuse_other(begin)
         for library in kind.libraries:
             if find_spec(library) is None:
                 raise ImportError(f"No module named {library!r}")
@@ -129,11 +128,19 @@ def read_streams(
     """
     read = next(one.read for one in FORMATS if one.name == format_name)
     with Path(path).open("rb") as file:
-        yield from bounded(read(file, remarks), _size(file), remarks)
+        yield from bounded(read(file, remarks), os.fstat(file.fileno()).st_size, remarks)
 
 
-def _size(file: BinaryIO) -> int:
-    return os.fstat(file.fileno()).st_size
+def _refuse_other(begin: bytes) -> None:
+    """Raise DamagedFileError if the first bytes of a file are those of a known other format."""
+    for beginning, advice in BEGINNINGS.items():
+        if begin.startswith(beginning):
+            raise DamagedFileError(advice)
+    if len(begin) > 8 and begin[0] == 0 and begin[8] in TLOG_MAGIC:
+        raise DamagedFileError(
+            "it is a telemetry log of MAVLink: take the BIN of the vehicle, whose rates are higher,"
+            " or convert it by `mavlogdump.py --format csv --types RAW_IMU swim.tlog`"
+        )
 
 
 def _csv(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
@@ -221,177 +228,6 @@ def _units_below(names: list[str], rows: list[list[str]]) -> dict[str, str]:
     return {name: unit for name, unit in zip(names, units, strict=True) if unit}
 
 
-def _parquet(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    from pyarrow import parquet
-
-    log = parquet.ParquetFile(file, page_checksum_verification=True)
-    most = most_cells(_size(file))
-    refuse_cells(log.metadata.num_rows, log.metadata.num_columns, most)
-    table = log.read(use_threads=False)
-    names: list[str] = []
-    columns: list[NDArray[Any]] = []
-    for name in table.column_names:
-        inner = _arrow_columns(name, table.column(0), partial(refuse_cells, most=most))
-        table = table.remove_column(0)  # its memory is free once it is converted
-        names += inner
-        columns += inner.values()
-    yield Stream("", named(names, columns, remarks), {}, stated_units(names))
-
-
-def _arrow_columns(
-    name: str, column: Any, refuse: Callable[[int, int], None]
-) -> dict[str, NDArray[Any]]:
-    """Return a column of Arrow as numbers, or each number in its lists and structs as a column."""
-    from pyarrow import compute, types
-
-    if types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
-    if any(is_kind(column.type) for is_kind in (types.is_floating, types.is_integer)):
-        return {name: column.to_numpy().astype(np.float64, copy=False)}
-    if any(is_kind(column.type) for is_kind in (types.is_string, types.is_large_string)):
-        words = column.unique()  # few, mostly
-        return {name: numbers(words.to_pylist())[compute.index_in(column, words).to_numpy()]}
-    values = column.to_pandas()
-    if values.dtype.kind == "b":
-        return {name: values.to_numpy(np.float64)}
-    if values.dtype.kind == "M":
-        return {name: seconds(values)}
-    cells = values.tolist()
-    if not any(isinstance(cell, Mapping | np.ndarray) for cell in cells):
-        return {name: numbers(cells)}
-    table = Table(refuse)
-    for cell in cells:
-        table.append(dict(leaves(cell, name)))
-    return table.columns()
-
-
-def _ardupilot(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    rows: dict[tuple[str, Any], tuple[Any, dict[str, Any]]] = {}
-    with open_dataflash(file.name) as log:
-        while (row := log.recv_msg()) is not None:
-            sensor = row.fmt.instance_field and getattr(row, row.fmt.instance_field)
-            layout, columns = rows.setdefault(
-                (row.get_type(), sensor),
-                (row.fmt, {one: array("d") for one in row.fmt.columns}),
-            )
-            for one in layout.columns:
-                columns[one] = _appended(columns[one], getattr(row, one))
-        if log.offset < log.data_len:
-            remarks.append(CUT)
-    sensors = Counter(name for name, _ in rows)
-    for (name, sensor), (layout, columns) in rows.items():
-        clocks = {one: tick for one, tick in ARDUPILOT_CLOCKS if one in layout.columns}
-        if clocks:
-            yield Stream(
-                name if sensors[name] == 1 else f"{name}[{sensor}]",
-                {one: numbers(cells) for one, cells in columns.items()},
-                clocks,
-                dict(zip(layout.columns, layout.units or (), strict=False)),
-            )
-
-
-def _appended(cells: Any, cell: Any) -> Any:
-    """Return cells with one more: an array of numbers, or a list from the first text on."""
-    try:
-        cells.append(cell)
-    except TypeError:
-        return [*cells, cell]
-    return cells
-
-
-def _ulog(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    from pyulog import ULog
-
-    content = file.read()
-    if ends_within_message(content):
-        remarks.append(CUT)
-    log = ULog(io.BytesIO(content))
-    if log.dropouts:
-        lost = sum(one.duration for one in log.dropouts) / 1e3
-        remarks.append(f"the recorder lost {lost:.3g} s in {len(log.dropouts)} dropouts")
-    sensors = Counter(one.name for one in log.data_list)
-    for one in log.data_list:
-        name = one.name if sensors[one.name] == 1 else f"{one.name}[{one.multi_id}]"
-        columns = {key: values.astype(np.float64) for key, values in one.data.items()}
-        yield Stream(name, columns, {"timestamp": 1e-6} if "timestamp" in columns else {})
-
-
-def _mcap(file: BinaryIO, remarks: list[str]) -> Iterator[Stream]:
-    from mcap.exceptions import McapError
-
-    refuse = partial(refuse_cells, most=most_cells(_size(file)))
-    tables: dict[str, Table] = {}
-    left_out: dict[str, str] = {}
-    try:
-        for schema, channel, message in _messages(file, remarks):
-            if channel.topic in left_out:
-                continue
-            try:
-                decode = decoder(channel.message_encoding, schema)
-                row = dict(islice(leaves(decode(message.data)), MOST_COLUMNS + 1))
-            except (ImportError, MemoryError):  # not the messages' fault
-                raise
-            except Exception as error:  # each decoder has its own
-                left_out[channel.topic] = f"is left out: its messages cannot be decoded ({error})"
-                continue
-            table = tables.setdefault(channel.topic, Table(refuse))
-            table.append(row | {"log_time": message.log_time / 1e9})
-    except (McapError, struct.error) as error:
-        remarks.append(f"{CUT} ({error})" if str(error) else CUT)
-    remarks += [f"{topic} {reason}" for topic, reason in left_out.items()]
-    for topic in list(tables):
-        columns = tables.pop(topic).columns()
-        order = np.argsort(columns["log_time"], kind="stable")
-        columns = {name: cells[order] for name, cells in columns.items()}
-        stamps = [one for one in ("header.stamp", "timestamp") if is_clock(columns, one)]
-        yield Stream(topic, columns, dict.fromkeys([*stamps, "log_time"], 1.0))
-
-
-def _messages(file: BinaryIO, remarks: list[str]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield the schema, the channel and each message of an MCAP file, in the order of the file.
-
-    The index at the file's end, which a recorder that lost its power did not write, only tells
-    whether parts of the file were skipped.
-
-    Raises
-    ------
-    McapError, struct.error
-        If the file ends in the middle, or has other content from there on.
-    ValueError
-        If a checksum is wrong.
-    """
-    from mcap.exceptions import McapError
-    from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    schemas: dict[int, Any] = {0: None}
-    channels: dict[int, Any] = {}
-    counts = Counter[str]()
-    stated = Counter[str]()
-    whole = WholeReads(file, _size(file))
-    for part in StreamReader(whole, emit_chunks=True, validate_crcs=True).records:  # type: ignore[arg-type]
-        if isinstance(part, Statistics):
-            stated["messages"] = part.message_count
-        stated["chunks"] += isinstance(part, ChunkIndex)
-        counts["chunks"] += isinstance(part, Chunk)
-        for record in breakup_chunk(part, True) if isinstance(part, Chunk) else [part]:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                counts["messages"] += 1
-                channel = channels.get(record.channel_id)
-                if channel is None or channel.schema_id not in schemas:
-                    raise McapError(f"channel {record.channel_id} or its schema is missing")
-                yield schemas[channel.schema_id], channel, record
-    for name, count in stated.items():
-        if count and count != counts[name]:
-            remarks.append(
-                f"the file is damaged: its index counts {count} {name}, and it has {counts[name]}"
-            )
-
-
 class Format(NamedTuple):
     """A format of logs."""
 
@@ -404,11 +240,11 @@ class Format(NamedTuple):
 CSV = Format("CSV", b"", _csv, ())
 FORMATS = (
     CSV,
-    Format("Parquet", b"PAR1", _parquet, ("pyarrow",)),
-    Format("ArduPilot BIN", b"\xa3\x95", _ardupilot, ("pymavlink.DFReader",)),
-    Format("PX4 ULog", b"ULog", _ulog, ("pyulog",)),
+    Format("Parquet", b"PAR1", parquet, ("pyarrow",)),
+    Format("ArduPilot BIN", b"\xa3\x95", ardupilot, ("pymavlink.DFReader",)),
+    Format("PX4 ULog", b"ULog", ulog, ("pyulog",)),
     Format(
-        "MCAP", b"\x89MCAP", _mcap,
+        "MCAP", b"\x89MCAP", mcap,
         ("mcap.reader", *DECODERS.values()),
     ),
 )  # fmt: skip

@@ -24,16 +24,22 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, real, real_or_infinite
 from eea.infer.trials import Trial
 from eea.logs.alignment import (
-    ROUNDED_DIGITS,
     SILENT_STEPS,
     Series,
     by_trial,
     held_means,
+    known_part,
     locate,
     refuse_holes,
 )
-from eea.logs.columns import TIME, TRIAL, Quantity, found_columns, time_unit
-from eea.logs.guesses import possible_units
+from eea.logs.columns import (
+    TIME,
+    TRIAL,
+    Quantity,
+    found_columns,
+    possible_units,
+    time_unit,
+)
 from eea.logs.stamps import Bunches, even_times, new_rows
 from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
@@ -329,14 +335,8 @@ def _spans(
 ) -> Iterator[tuple[float, float]]:
     """Yield the times of the first and the last row of each trial, s."""
     refuse_holes(first, first.time, np.inf)
-    since = first.time.round(ROUNDED_DIGITS)
     for begin, end in parts or [(0.0, np.inf)]:
-        time = first.time[(since >= begin) & (since <= end)]
-        if not len(time):
-            raise InvalidArgumentError(
-                f"between must have rows of {first.label}, which lasts "
-                f"{float(np.ptp(first.time)):.6g} s; got {begin:g} to {end:g}"
-            )
+        time = first.time[first.within(begin, end)]
         edge = np.diff(time) > split_gap
         if trial is not None:
             rows = np.searchsorted(trial.time, time, "right") - 1
@@ -407,8 +407,7 @@ def _trial(
         else:
             held.append(held_means(grid, one.time, one.values)[:-1, 0])
             words = "is held from each row to the next, and averaged over the step before a sample"
-        rate = f"{1.0 / one.usual_step:.3g} rows a second" if one.usual_step > 0.0 else "many rows"
-        remarks.append(f"{name} ({one.label}, {rate}) {words}")
+        remarks.append(f"{name} ({one.label}, {one.rate}) {words}")
     return Trial(signal, np.column_stack(held) if held else None, tuple(remarks))
 
 
@@ -418,16 +417,14 @@ def _known(one: Series, span: tuple[float, float], options: _Options) -> tuple[f
     longest = options.longest_hold
     if longest is None:
         longest = SILENT_STEPS * one.usual_step
-    begin, end = span
-    inside = one.time[(one.time >= begin - longest) & (one.time <= end + longest)]
     try:
-        refuse_holes(one, inside, longest)
+        return known_part(one, *span, longest)
     except InvalidArgumentError as error:
+        needed = np.diff(one.held(*span)).max()
         raise InvalidArgumentError(
-            f"{error}; if it is held that long, longest_hold={1.1 * np.diff(inside).max():.2g}; if "
-            "it is logged when it changes, longest_hold=inf"
+            f"{error}; if it is held that long, longest_hold={1.1 * needed:.2g}; if it is logged "
+            "when it changes, longest_hold=inf"
         ) from None
-    return max(begin, float(one.time[0])), min(end, float(one.time[-1]) + longest)
 
 
 def _even_step(label: str, time: Floats) -> float:

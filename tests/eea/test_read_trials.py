@@ -61,6 +61,29 @@ def test_a_faster_recorder_is_averaged_and_a_slower_one_leaves_gaps(tmp_path: Pa
     assert "5 samples of y have no reading" in trial.remarks
 
 
+@pytest.mark.parametrize("between", [(0.0, 1.2), (1.2, 2.0), (1.1, 1.3)])
+def test_a_hole_of_an_input_counts_where_only_one_side_of_it_is_read(between, tmp_path):
+    time = 0.01 * np.arange(301)
+    held = np.where((time < 1.0) | (time > 1.5), time > 1.5, np.nan)
+    path = csv(tmp_path, time=time, x=np.sin(time), u=held)
+    with pytest.raises(InvalidArgumentError, match=r"u must have no hole .*longest_hold=") as told:
+        read(path, u="u", between=between)
+    longest = float(str(told.value).partition("longest_hold=")[2].partition(";")[0])
+    (trial,) = read(path, u="u", between=between, longest_hold=longest)
+    assert trial.inputs is not None
+    assert not trial.inputs[:20].any(), "it is held until the next row"
+    (before,) = read(path, u="u", between=(0.0, 1.01))
+    assert before.inputs is not None
+    assert not before.inputs.any()
+
+
+def test_an_input_of_one_row_has_no_rate(tmp_path: Path) -> None:
+    time = 0.01 * np.arange(30)
+    path = csv(tmp_path, time=time, x=np.sin(time), u=np.where(time == 0.0, 0.5, np.nan))
+    (trial,) = read(path, u="u", longest_hold=np.inf)
+    assert "u (u, one row) is held from each row to the next" in " ".join(trial.remarks)
+
+
 def test_rows_that_were_lost_are_missing_samples_on_the_same_clock(tmp_path: Path) -> None:
     time = 0.01 * np.arange(50)
     jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 50) * (time > 0)

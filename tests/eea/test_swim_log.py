@@ -67,10 +67,10 @@ WRONG = {
         "row 42: time must be later than the row before within trial 1, by at most 0.25 s",
     ),
     "slow": ({"time": 30 * LOG.time}, "at least 4 rows a second, with time in s"),
-    "milliseconds": ({"time": 1e3 * LOG.time}, "time in s; .* is the time in milliseconds[?]"),
+    "milliseconds": ({"time": 1e3 * LOG.time}, "time in s; .* is the time in ms[?]"),
     "nanoseconds": (
         {"time": (1e9 * LOG.time).astype(np.int64)},
-        "time in s; .* is the time in nanoseconds[?]",
+        "time in s; .* is the time in ns[?]",
     ),
     "degrees": ({"gyro": np.rad2deg(LOG.gyro)}, r"gyro_\w must be at most 10 rad/s"),
     "command": ({"commands": put(LOG.commands, 2, 0.7)}, r"row 3: left_pectoral must be in"),
