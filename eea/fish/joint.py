@@ -18,9 +18,15 @@ from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
 from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
-from eea.fish.material import ASSUMED, MATERIAL_CHANGE, OTHER_MATERIALS, Material
 from eea.fish.simulator import EngineSimulator
-from eea.fish.simulator_error import Calibration, Discrepancy
+from eea.fish.simulator_error import (
+    ASSUMED,
+    MATERIAL_CHANGE,
+    OTHER_MATERIALS,
+    Calibration,
+    Discrepancy,
+    Material,
+)
 from eea.fish.windows import LogWindows
 from eea.infer.robot import Robot
 from eea.infer.statement import MOST_STRIDE, Number, Part, Values

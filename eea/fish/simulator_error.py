@@ -10,15 +10,17 @@ and A. O'Hagan, "Bayesian calibration of computer models", 2001)::
 with s the rms of f, R the correlation exp(-|t - t'| / duration) within an axis, and in the columns
 of D the known shapes, each as large as one standard deviation. All trials share these shapes.
 
-The numbers that a simulator assumes are further columns of D where the trials contradict them
-(:func:`doubted`).
-
 The search minimises the white misfit, which is exact inside the model. Here the normal equations
 are solved again at its optima with C instead of sigma^2 I, to first order: one step moves each
 optimum and widens its covariance.
 
-Numbers that a simulator assumes and no fit seeks: whether the trials contradict them.
+**Slow errors** (:func:`slow_errors`) tell whether a simulator errs: its errors last for many
+samples, so they show at low frequencies, where noise is no stronger than elsewhere. Residuals of
+the least squares of J have the covariance sigma^2 (I - H), with H = J (J^T J + sigma^2
+Lambda)^-1 J^T and Lambda the prior's precision: a fit takes degrees of freedom, and most of them
+from low frequencies.
 
+**Assumed numbers** (:func:`contradiction`), which no fit seeks: whether the trials contradict them.
 Each is a direction in which the signal changes, to first order. With r the residuals of the best
 fit, J their derivatives by the unknowns and S those by the assumed numbers, in standard deviations
 of their priors, the numbers' own information and slope are those left when the unknowns follow::
@@ -27,9 +29,9 @@ of their priors, the numbers' own information and slope are those left when the 
     b = S^T r / sigma^2
 
 and b^T M^-1 b is chi-square if the assumptions hold (C. R. Rao's score test). Where it is too large
-for that, the numbers become nuisances of the intervals (:func:`doubted`). Otherwise
-they stay as assumed, since as nuisances they would widen every interval of what they trade off
-with, and the log tells nothing against them. Whether it could have told is said in words.
+for that, the numbers become nuisances of the intervals, as further columns of D (:func:`doubted`).
+Otherwise they stay as assumed, since as nuisances they would widen every interval of what they
+trade off with, and the log tells nothing against them. Whether it could have told is said in words.
 """
 
 from __future__ import annotations
@@ -40,8 +42,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
+from numpy.typing import NDArray
+from scipy.special import chdtrc, gammaincc
 
+from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
 from eea.core.angles import Floats
 from eea.core.checks import (
     ConfigurationError,
@@ -53,13 +58,19 @@ from eea.core.checks import (
     real,
     text,
 )
-from eea.fish.slow_errors import ACTIVE_BOUND_DISTANCE, slow_errors
 from eea.infer.design import UNTOLD_SHARE
-from eea.infer.laplace import Laplace
+from eea.infer.laplace import Laplace, pseudo_inverse
 from eea.infer.misfit import FINE, Regression
 from eea.infer.mixture import Mode
 from eea.infer.optima import Optima
 from eea.infer.statement import Values
+from eea.infer.unknowns import Unknowns
+
+ACTIVE_BOUND_DISTANCE = 1e-9  # share of a range
+CONTRADICTED_P = 0.05  # the chance of as large a contradiction where the assumptions hold
+LEAST_INFORMATION = 1e-6  # in 1 / prior variance: a direction of less is not tested
+MATERIAL_CHANGE = 0.1  # of each, to find the difference that it makes
+_PLACES = {d.name: i for i, d in enumerate(DIMENSIONS)}
 
 
 @dataclass(frozen=True)
@@ -116,6 +127,49 @@ class Assumed:
         text(f"about of {self.name}", self.about)
 
 
+THICKNESS = "the thickness of the fins"
+# Fins of aluminium or weighted plastic are 1 to 2.7 times as dense as water; a rough or ribbed skin
+# has several times the friction of a smooth one.
+ASSUMED = (
+    Assumed("the density of the fins", 1.0, 1.0, "times water's", THICKNESS),
+    Assumed("their skin friction", 1.0, 4.0, "times a smooth plate's", THICKNESS),
+)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Factors on what the engines assume of the robot's material."""
+
+    hull: float = 1.0  #: On the hull's mass.
+    density: float = 1.0  #: On the fins' mass.
+    #: On the fins' skin friction, which acts as a thicker edge would that weighs nothing. Of the
+    #: drag edge on it is exact for square fins, else the mean of both edges.
+    friction: float = 1.0
+
+    def fields(self, bodies: Floats, drag: Floats) -> dict[str, Floats]:
+        """Return a scenario's fields of bodies (B, 9) with the factors ``drag`` (B, 2)."""
+        bodies = bodies.copy()
+        density = np.full((len(bodies), len(FINS)), self.density)
+        if self.friction != 1.0:
+            for i, fin in enumerate(FINS):
+                width, length, thickness = (
+                    _PLACES[f"{fin}.{size}"] for size in ("width", "length", "thickness")
+                )
+                rub = 2.0 * (self.friction - 1.0) * SKIN_FRICTION / NORMAL_DRAG
+                was = bodies[:, thickness].copy()
+                bodies[:, thickness] += rub * 0.5 * (bodies[:, width] + bodies[:, length])
+                density[:, i] *= was / np.maximum(bodies[:, thickness], 1e-12)
+        # A heavier hull moves as if all else weighed less and met less drag.
+        return {"body": bodies, "drag": drag / self.hull, "fin_density": density / self.hull}
+
+
+#: Materials that differ from the assumed one by ``MATERIAL_CHANGE`` in one of ``ASSUMED``.
+OTHER_MATERIALS = (
+    Material(density=1.0 + MATERIAL_CHANGE),
+    Material(friction=1.0 + MATERIAL_CHANGE),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
     """Size and shape of a simulator's errors: a discrepancy of ``eea.infer``."""
@@ -146,7 +200,7 @@ class Discrepancy:
             )
 
     def slow_p(self, regression: Regression, theta: Floats) -> float:
-        """Return the p-value of slow residuals; see :func:`eea.fish.slow_errors.slow_errors`."""
+        """Return the p-value of slow residuals; see :func:`slow_errors`."""
         return slow_errors(regression, theta, self.duration)
 
     def doubts(
@@ -247,8 +301,79 @@ def differences(optima: Optima, shapes: DifferenceShapes | None, theta: Floats) 
     return found.reshape(*local.shape[:2], found.shape[1], -1)
 
 
-CONTRADICTED_P = 0.05  # the chance of as large a contradiction where the assumptions hold
-LEAST_INFORMATION = 1e-6  # in 1 / prior variance: a direction of less is not tested
+def slow_p(sums: Floats, prior: Floats, power: Floats, weight: Floats) -> float:
+    """Return the p-value of residuals' power, weighted by W, for white noise after a fit.
+
+    The statistic is the weighted power divided by the whole. Its null distribution is a gamma
+    distribution with the mean and variance of white noise after the fit (F. E. Satterthwaite,
+    1946).
+
+    Parameters
+    ----------
+    sums
+        J^T W^n J (3, P, P) for n = 0, 1, 2.
+    prior
+        The prior's precision (P, P).
+    power
+        The whole power and the weighted power (2,).
+    weight
+        The sums of W^n (3,).
+    """
+    if not power[0]:
+        return 1.0
+    taken, slow, slower = pseudo_inverse(sums[0] + prior * power[0] / weight[0]) @ sums
+    left = weight[0] - np.trace(taken)
+    mean = weight[1] - float(np.trace(slow))
+    square = weight[2] - 2.0 * float(np.trace(slower)) + float(np.sum(slow * slow.T))
+    variance = 2.0 * (square - mean**2 / left)
+    if not min(mean, variance) > 0.0:  # the fit has absorbed all slow errors
+        return 1.0
+    found = left * power[1] / power[0]
+    return float(gammaincc(mean**2 / variance, found * mean / variance))
+
+
+def slow_errors(regression: Regression, theta: Floats, duration: float) -> float:
+    """Return the p-value of slow residuals at an optimum ``theta`` (P,), for white noise.
+
+    The alternative is errors that are correlated by exp(-|t - t'| / duration), in the unit of the
+    trials' times, and as large in each trial as its signal.
+    """
+    parameters = regression.parameters
+    observed = regression.observed
+    axes = observed.signal.shape[2]
+    misfit = regression.misfit(FINE)
+    linear = misfit.linearise(theta[None])
+    inner = _inner(parameters, theta)  # those at a bound take no degrees of freedom
+    loud = np.array(
+        [(one[:n] ** 2).mean() for one, n in zip(observed.signal, observed.counts, strict=True)]
+    )
+    sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
+    power = np.zeros(2)
+    weight = np.zeros(3)
+    for e, (unknown, entries) in enumerate(misfit.columns):
+        used = unknown.copy()
+        used[unknown] = inner[entries]
+        at = entries[inner[entries]]
+        waves = np.concatenate([linear.slopes[0, e, used], linear.residuals[0, e][None]])
+        basis = observed.slow_basis(e, duration)
+        waves = basis.transform(waves, axes)
+        each = basis.variances * loud[e] / loud.max()  # (T,)
+        columns = waves[:-1]
+        residuals = waves[-1]
+        for n in range(3):
+            moved = (columns * each**n).reshape(len(at), -1)
+            sums[n][at[:, None], at] += moved @ columns.reshape(len(at), -1).T
+            weight[n] += axes * float((each**n).sum())
+        power += (residuals**2).sum(), (each * residuals**2).sum()
+    return slow_p(sums, parameters.prior_information, power, weight)
+
+
+def _inner(parameters: Unknowns, theta: Floats) -> NDArray[np.bool_]:
+    """Return which parameters of a vector (P,) are not at a bound."""
+    above = theta > parameters.low + ACTIVE_BOUND_DISTANCE
+    below = theta < parameters.high - ACTIVE_BOUND_DISTANCE
+    inside: NDArray[np.bool_] = above & below
+    return inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,10 +425,7 @@ def contradiction(optima: Optima) -> Contradiction | None:
     linear = misfit.linearise(theta)
     directions = differences(optima, discrepancy.assumed_shapes, theta)[0]  # (E, K, M)
     weight = optima.precision
-    inner = np.flatnonzero(
-        (theta[0] > parameters.low + ACTIVE_BOUND_DISTANCE)
-        & (theta[0] < parameters.high - ACTIVE_BOUND_DISTANCE)
-    )
+    inner = np.flatnonzero(_inner(parameters, theta[0]))
     size = len(parameters)
     tested = np.arange(size, size + directions.shape[1])
     near = misfit.laplace(theta, linear, weight)[0]

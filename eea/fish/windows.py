@@ -22,12 +22,16 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
 from eea.core.angles import Floats
-from eea.fish.commands import Changes, first_step, held, unknown_changes, wide
-from eea.fish.readings import (
+from eea.fish.rows import (
     DIFFERENCE_ORDER,
     STEP_TIME_TOLERANCE,
+    Changes,
     GyroReadings,
+    first_step,
+    held,
     readings_of,
+    unknown_changes,
+    wide,
 )
 from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, new_readings, restamped, shown
 from eea.infer.trials import Observed
@@ -210,7 +214,7 @@ def log_windows(
     mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only determine the
     servo speeds. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
     are left out, and rows that were stamped on arrival in packets are stamped evenly; see
-    ``eea.fish.readings`` and ``eea.logs.stamps``.
+    ``eea.fish.rows`` and ``eea.logs.stamps``.
 
     Parameters
     ----------

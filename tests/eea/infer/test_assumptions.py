@@ -11,9 +11,8 @@ from aquafish_gym.scenario import Scenario
 from eea import FitConfig
 from eea.core.checks import ConfigurationError
 from eea.fish.joint import fish_robot
-from eea.fish.material import Material
 from eea.fish.simulator import EngineSimulator
-from eea.fish.simulator_error import Assumed, Discrepancy, contradiction
+from eea.fish.simulator_error import Assumed, Discrepancy, Material, contradiction
 from eea.infer.fit import fit
 from eea.infer.robot import Robot
 from eea.infer.statement import Number

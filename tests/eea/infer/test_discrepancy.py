@@ -10,8 +10,7 @@ from scipy.fft import dct
 from scipy.signal import lfilter
 
 from eea import FitConfig
-from eea.fish.simulator_error import Calibration, Discrepancy
-from eea.fish.slow_errors import slow_errors
+from eea.fish.simulator_error import Calibration, Discrepancy, slow_errors
 from eea.infer.descent import descend
 from eea.infer.fit import fit
 from eea.infer.goodness import goodness_of_fit
