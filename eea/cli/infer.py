@@ -24,8 +24,8 @@ from eea.cli.progress import plain_console, waiting
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
+from eea.fish.estimate import belief_lines, end_lines, size_table, verdict_lines
 from eea.fish.joint import check_groups
-from eea.fish.statement import belief_lines, end_lines, size_table, verdict_lines
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
 

@@ -27,7 +27,7 @@ from eea.core.config import Condition, Config, check_read, config_for, with_sett
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.statement import STATED_MASS, belief_lines, end_lines, size_table, verdict_lines
+from eea.fish.estimate import STATED_MASS, belief_lines, end_lines, size_table, verdict_lines
 
 # Reasons for the end of a session, in words.
 STOP_REASONS = {

@@ -8,16 +8,12 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "estimate": [
-            "MorphologyEstimate",
-            "estimate_morphology",
-            "estimate_morphology_of",
-            "fish_eea",
-        ],
+        "estimate": ["MorphologyEstimate"],
         "fins": ["fins_after"],
         "gap": ["RealityGap"],
         "log_checks": ["LogCheck", "check_log"],
         "log_inference": ["infer_log", "watch_swim"],
+        "methods": ["estimate_morphology", "estimate_morphology_of", "fish_eea"],
         "posterior_file": ["load_posterior", "save_posterior"],
         "prior": ["known_body"],
         "simulator": ["EngineSimulator", "fish_problem"],

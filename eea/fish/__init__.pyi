@@ -1,13 +1,13 @@
 from .estimate import MorphologyEstimate as MorphologyEstimate
-from .estimate import estimate_morphology as estimate_morphology
-from .estimate import estimate_morphology_of as estimate_morphology_of
-from .estimate import fish_eea as fish_eea
 from .fins import fins_after as fins_after
 from .gap import RealityGap as RealityGap
 from .log_checks import LogCheck as LogCheck
 from .log_checks import check_log as check_log
 from .log_inference import infer_log as infer_log
 from .log_inference import watch_swim as watch_swim
+from .methods import estimate_morphology as estimate_morphology
+from .methods import estimate_morphology_of as estimate_morphology_of
+from .methods import fish_eea as fish_eea
 from .posterior_file import load_posterior as load_posterior
 from .posterior_file import save_posterior as save_posterior
 from .prior import known_body as known_body

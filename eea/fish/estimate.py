@@ -1,27 +1,23 @@
-"""The methods bound to the fish: from commands and IMU logs to a body."""
+"""The body that was inferred, and its words: verdict, sizes, what is uncertain, and what broke."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import Morphology
-from eea.core.algorithm import EEA
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from eea.core.angles import Floats
-from eea.core.checks import callback, finite, instance
-from eea.core.config import Config, JointConfig, checked_config
-from eea.core.experiment import Target
-from eea.core.floating import own_errors
-from eea.core.result import Result, RoundRecord
-from eea.core.session import Session, streams
-from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
-from eea.fish.statement import statement
-from eea.fish.target import EngineTarget
+from eea.core.checks import finite, instance
+from eea.core.result import Result
+from eea.fish.simulator import fish_problem
+
+STATED_MASS = 0.9  # probability of the shown intervals
+DIFFERENCE_MASS = 0.99  # probability of the intervals that decide whether a size differs
+LEAST_CHANGE = 0.05  # of a size
+WIDEST_STATED_INTERVAL = 0.5  # of a size: with a wider interval nothing is said of it
 
 
 @dataclass(repr=False)
@@ -100,108 +96,136 @@ class MorphologyEstimate(Result):
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
 
 
-@own_errors
-def fish_eea(
-    target: Target,
-    config: Config | None = None,
-    seed: int = 0,
-    truth: Morphology | ArrayLike | None = None,
-    **simulator: Unpack[SimulatorOptions],
-) -> Session[Any]:
-    """Return a session of the method of ``config.condition`` with a target and the fish.
+def statement(result: Result) -> list[str]:
+    """Return a result in lines, from the verdict to the sentence on the damage."""
+    if not result.complete:
+        return ["no round was completed"]
+    return [*verdict_lines(result), *size_table(result), *belief_lines(result), *end_lines(result)]
 
-    Parameters
-    ----------
-    target
-        Performs commands: an ``EngineTarget``, or a robot in a tank.
-    config
-        Settings; None for joint inference from three trials.
-    seed
-        The replicate's seed.
-    truth
-        The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
-        (x, y, z), or nine numbers.
-    **simulator
-        See ``EngineSimulator``. ``EngineSimulator`` and ``EEA`` state the errors.
+
+def verdict_lines(result: Result) -> list[str]:
+    """Return sentences on whether a body explains the trials, and on the sizes if none does."""
+    belief = result.belief
+    if belief is None:
+        return []
+    lines = [belief.verdict]
+    if not belief.good:
+        share = belief.goodness.unexplained
+        left = "" if share is None else f", which leave {share:.0%} of the motion unexplained"
+        lines.append(
+            f"these are the sizes of the best fit{left}; how far they are off is not known, so "
+            "there are no intervals"
+        )
+    return lines
+
+
+def size_table(result: Result) -> list[str]:
+    """Return the inferred sizes, with the true sizes and OBJ_FIT where known.
+
+    Joint inference gives intervals, unless no body explains the trials.
     """
-    config = checked_config(config)
-    engine = EngineSimulator(config.steps, **simulator)
-    problem = fish_problem()
-    body = None if truth is None else Morphology.coerce(truth).to_array()
-    if isinstance(config, JointConfig):
-        # scipy.stats is imported here to keep `import eea` quick.
-        from eea.fish.joint import fish_robot
-        from eea.infer.session import JointInference
-
-        return JointInference(target, fish_robot(engine), problem, config, seed, body)
-    return EEA(target, engine, problem, config, seed, body)
-
-
-def estimate_morphology_of(
-    target: Target,
-    config: Config | None = None,
-    seed: int = 0,
-    progress: Callable[[RoundRecord], None] | None = None,
-    truth: Morphology | ArrayLike | None = None,
-    **simulator: Unpack[SimulatorOptions],
-) -> MorphologyEstimate:
-    """Infer the body of any target that performs commands, such as a physical robot.
-
-    To keep the complete rounds of an interrupted run, or to continue it, iterate over ``fish_eea``.
-
-    Parameters
-    ----------
-    target
-        Implements ``perform(command)``, which returns a log with ``gyro`` of shape (steps, 3) or
-        (1, steps, 3). If it executed another command, it returns ``eea.Performed(log, command)``.
-    progress
-        Called with each round's record.
-    config, seed, truth, **simulator
-        See ``fish_eea``.
-    """
-    callback("progress", progress)
-    session = fish_eea(target, config, seed, truth, **simulator)
-    return MorphologyEstimate(**vars(session.run(progress)))
+    columns = [[f" {size:6.3f}" for size in result.model]]
+    heading = f"{'in units of 5 cm':26s}  found"
+    if _explained(result):
+        heading += f"  {STATED_MASS:.0%} interval   "
+        columns.append(list(map(_ends, *result.interval(STATED_MASS))))
+    if result.truth is not None:
+        heading += "    true"
+        columns.append([f"  {size:6.3f}" for size in result.truth])
+    rows = zip(result.layout.names, *columns, strict=True)
+    lines = [heading.rstrip(), *(f"{name:26s}{''.join(cells)}" for name, *cells in rows)]
+    if result.truth is not None:
+        lines.append(
+            f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
+            f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}"
+        )
+    return lines
 
 
-@own_errors
-def estimate_morphology(
-    target_morphology: Morphology | ArrayLike | None = None,
-    damage: Damage | str | None = None,
-    config: Config | None = None,
-    seed: int = 0,
-    progress: Callable[[RoundRecord], None] | None = None,
-    *,
-    target_engine: str = "auto",
-    **simulator: Unpack[SimulatorOptions],
-) -> MorphologyEstimate:
-    """Let a simulated, damaged fish infer its own body from a few trials.
+def belief_lines(result: Result) -> list[str]:
+    """Return the posterior of the nuisances and the findings, without the verdict."""
+    belief = result.belief
+    if belief is None:
+        return []
+    lines = []
+    rows = belief.table(STATED_MASS)
+    parameters = belief.branches[0].parameters
+    common = [name for name, one in zip(rows, parameters.common, strict=True) if one]
+    others = [name for name in common if name not in result.layout.names]
+    heading = f"{'besides the body':26s} {'found':>6s}"
+    if _explained(result):
+        if result.truth is not None:
+            low, high = result.interval(STATED_MASS)
+            inside = int(((low <= result.truth) & (result.truth <= high)).sum())
+            lines.append(
+                f"the {STATED_MASS:.0%} intervals contain {inside} of the {len(low)} true sizes"
+            )
+        lines += [f"{heading}  {STATED_MASS:.0%} interval"] if others else []
+        lines += [f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others]
+    else:
+        lines += [heading] if others else []
+        lines += [f"{name:26s} {rows[name][0]:z6.3f}" for name in others]
+    return [*lines, *(said for said in belief.findings if said != belief.verdict)]
 
-    Parameters
-    ----------
-    target_morphology
-        The body before the damage; None is the nominal one.
-    damage
-        The damage, such as ``"left_pectoral:length=0.5"``; None is no damage.
-    config
-        Settings; None for joint inference from three trials. ``PaperConfig()`` has the paper's:
-        Out-of-Band Inference from 25 trials.
-    seed, progress
-        The seed of everything random; see ``estimate_morphology_of``.
-    target_engine
-        The target's engine; "auto" is PyBullet where it is installed.
-    **simulator
-        See ``EngineSimulator``. The current and the substeps hold for the target too.
-    """
-    settings = checked_config(config)
-    callback("progress", progress)
-    target = EngineTarget(
-        target_morphology,
-        damage,
-        streams(seed)["target"],
-        settings.steps,
-        target_engine,
-        simulator.get("current", (0.0, 0.0, 0.0)),
-        simulator.get("substeps", 1),
-    )
-    return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)
+
+def end_lines(result: Result) -> list[str]:
+    """Return the last sentence: the damage, or possible mistakes of the log."""
+    if not _explained(result):
+        check = getattr(result, "check", None)
+        return [] if check is None else [str(check)]
+    return [what_broke(result)]
+
+
+def what_broke(result: Result) -> str:
+    """Return a sentence that compares an inferred body with the undamaged fish."""
+    best = result.belief.branches[0]
+    robot = result.belief.robot
+    clauses = []
+    if best.hypothesis.name != robot.nominal.name:
+        clauses.append(best.hypothesis.name)
+    if robot.prior is not None:
+        return f"compared with the body before, {' and '.join(clauses) or 'nothing is broken'}"
+    whole = Morphology.nominal().to_array()
+    low, high = result.interval(DIFFERENCE_MASS)
+    unknown = high - low > WIDEST_STATED_INTERVAL * whole
+    for fin, word in FIN_WORDS.items():
+        own = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
+        if best.hypothesis.part == word and all(result.model[own] == 0.0):
+            continue
+        absent = f"the {word} is absent"
+        if any(said.startswith(absent) for said in result.belief.findings):
+            clauses.append(absent)
+            continue
+        shares = [_share(i, whole, low, high, result.model) for i in own]
+        parts = [
+            f"{share:.0%} of its {DIMENSIONS[i].size}"
+            for i, share in zip(own, shares, strict=True)
+            if share is not None
+        ]
+        if parts:
+            clauses.append(f"the {word} has {' and '.join(parts)}")
+    if unknown.all() and not clauses:
+        return "the data do not tell what broke"
+    known = "" if not unknown.any() else ", as far as the data tell"
+    said = " and ".join(clauses) or "nothing is broken"
+    return f"compared with the undamaged fish, {said}{known}"
+
+
+def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> float | None:
+    """Return a size as a share of the undamaged size; None if the size may be unchanged."""
+    same = low[i] <= whole[i] <= high[i]
+    if (
+        same
+        or abs(found[i] / whole[i] - 1.0) < LEAST_CHANGE
+        or high[i] - low[i] > WIDEST_STATED_INTERVAL * whole[i]
+    ):
+        return None
+    return float(found[i] / whole[i])
+
+
+def _explained(result: Result) -> bool:
+    return result.belief is not None and bool(result.belief.good)
+
+
+def _ends(low: float, high: float) -> str:
+    return f"  {low:z6.3f} to {high:z5.3f}"

@@ -18,7 +18,7 @@ import eea.fish.spectral
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
 from eea.core.genome import BitLayout
-from eea.fish.estimate import estimate_morphology
+from eea.fish.methods import estimate_morphology
 from eea.study.arms import figure_config
 from instruments.benchmarks.rows import Group, Row, Settings
 

@@ -24,7 +24,7 @@ def test_a_pendulum_is_modelled_in_under_a_hundred_lines(capsys):
 def test_it_loads_neither_the_fish_nor_its_engines():
     code = (
         f"import sys, runpy; runpy.run_path({str(SCRIPT)!r}); "
-        "print({'aquafish_gym', 'numba', 'pybullet', 'eea.fish.estimate'} & set(sys.modules))"
+        "print({'aquafish_gym', 'numba', 'pybullet', 'eea.fish.methods'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

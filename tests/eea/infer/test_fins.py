@@ -12,7 +12,7 @@ from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import wrap
 from eea.core.config import JointConfig
 from eea.fish import RealityGap
-from eea.fish.estimate import fish_eea
+from eea.fish.methods import fish_eea
 from eea.fish.fins import fins_after
 from eea.fish.target import EngineTarget
 
