@@ -157,19 +157,21 @@ def result_folder(
     out: Path | str | None,
     kind: str,
     settings: Mapping[str, Any],
-    outputs: Iterable[str],
+    outputs: Iterable[str] | None = None,
     work: Callable[..., Any] | None = None,
 ) -> Iterator[Path | None]:
     """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
 
-    For the parameters see ``write_manifest``. InvalidArgumentError if the folder cannot be
-    written, is in use, or holds another run.
+    For the parameters see ``write_manifest``; without ``outputs``, a folder without a manifest must
+    be empty. InvalidArgumentError if the folder cannot be written, is in use, or holds another run.
     """
     if out is None:
         yield None
         return
     folder = ensure_writable_directory(out)
     with lock(folder):
+        if outputs is None:
+            outputs = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
         write_manifest(folder, kind, settings, outputs, work)
         yield folder
 

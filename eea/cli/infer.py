@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import (
@@ -16,15 +14,14 @@ from aquafish_gym.runs.command_line import (
     check_threads,
     read_morphology,
 )
-from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory
+from aquafish_gym.runs.manifest import result_folder
 from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.outcome import draw_outcome, file_lines, write_outcome
 from eea.cli.progress import plain_console, waiting
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
-from eea.fish.estimate import belief_lines, end_lines, size_table, verdict_lines
+from eea.fish.estimate import body_lines, end_lines
 from eea.fish.joint import check_groups
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
@@ -76,35 +73,30 @@ class Infer:
         console = plain_console()
         for sentence in (*log.remarks, *windows.remarks):
             console.print(sentence)
-        with nullcontext() if self.out is None else lock(ensure_writable_directory(self.out)):
-            if self.out is not None:
-                self._write_manifest(self.out, log, joint, truth)
+        kind = "a body inferred from a recorded swim"
+        with result_folder(self.out, kind, self._settings(log, joint, truth)) as folder:
             count = f"{len(log)} trial{'' if len(log) == 1 else 's'}"
             with waiting(f"fitting {count}, {sum(log.seconds):.3g} s of swimming") as doing:
                 result = infer_log(
                     log, joint, self.seed, truth, moving=moving, check=True, progress=doing,
                     threads=self.threads,
                 )  # fmt: skip
-            lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
-            if self.out is not None:
-                write_outcome(self.out, result)
-                draw_outcome(self.out, result)
-                lines += [*file_lines(self.out, result), f"written to {self.out}"]
+            lines = body_lines(result)
+            if folder is not None:
+                write_outcome(folder, result)
+                draw_outcome(folder, result)
+                lines += [*file_lines(folder, result), f"written to {folder}"]
             for line in [*lines, *end_lines(result)]:
                 console.print(line)
 
-    def _write_manifest(
-        self, folder: Path, log: SwimLog, joint: FitConfig, truth: Morphology | None
-    ) -> None:
+    def _settings(self, log: SwimLog, joint: FitConfig, truth: Morphology | None) -> dict[str, Any]:
         digest = hashlib.sha256()
         for part in (log.time, log.gyro, log.commands, log.trial):
             digest.update(part.tobytes())
-        settings = {
+        return {
             "log": digest.hexdigest()[:16],
             "start": self.start,
             "joint": asdict(joint),
             "seed": self.seed,
             "truth": None if truth is None else truth.to_dict(),
         }
-        others = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
-        write_manifest(folder, "a body inferred from a recorded swim", settings, others)

@@ -18,8 +18,7 @@ from aquafish_gym.runs.command_line import (
     Threads,
     read_morphology,
 )
-from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory
+from aquafish_gym.runs.manifest import result_folder
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
@@ -27,7 +26,7 @@ from eea.core.config import Condition, Config, check_read, config_for, with_sett
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.estimate import STATED_MASS, belief_lines, end_lines, size_table, verdict_lines
+from eea.fish.estimate import STATED_MASS, body_lines, end_lines
 
 # Reasons for the end of a session, in words.
 STOP_REASONS = {
@@ -102,9 +101,7 @@ class Run(Given):
             "gap": asdict(self.gap),
             "current": self.current,
         }
-        with lock(ensure_writable_directory(self.out)):
-            others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
-            write_manifest(self.out, "a run of the algorithm", settings, others)
+        with result_folder(self.out, "a run of the algorithm", settings):
             _fill(self.out, session)
 
 
@@ -122,10 +119,9 @@ def _fill(folder: Path, session: Session[Any]) -> None:
     finally:
         result = session.result
         write_outcome(folder, result)
-        lines = ["no round was completed"]
+        lines = body_lines(result)
         if result.rounds:
             draw_outcome(folder, result)
-            lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
             lines += file_lines(folder, result)
         why = STOP_REASONS.get(result.stopped, result.stopped)
         lines.append(f"stopped: {why}; written to {folder}")

@@ -84,7 +84,7 @@ class MorphologyEstimate(Result):
         return np.minimum(low, point), np.maximum(high, point)
 
     def __str__(self) -> str:
-        return "\n".join(statement(self))
+        return "\n".join([*body_lines(self), *end_lines(self)])
 
     def __repr__(self) -> str:
         found = self.objective_fitness
@@ -96,14 +96,14 @@ class MorphologyEstimate(Result):
         return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
 
 
-def statement(result: Result) -> list[str]:
-    """Return a result in lines, from the verdict to the sentence on the damage."""
+def body_lines(result: Result) -> list[str]:
+    """Return a result in lines, from the verdict to the findings, without the last sentence."""
     if not result.complete:
         return ["no round was completed"]
-    return [*verdict_lines(result), *size_table(result), *belief_lines(result), *end_lines(result)]
+    return [*_verdict_lines(result), *_size_table(result), *_belief_lines(result)]
 
 
-def verdict_lines(result: Result) -> list[str]:
+def _verdict_lines(result: Result) -> list[str]:
     """Return sentences on whether a body explains the trials, and on the sizes if none does."""
     belief = result.belief
     if belief is None:
@@ -119,7 +119,7 @@ def verdict_lines(result: Result) -> list[str]:
     return lines
 
 
-def size_table(result: Result) -> list[str]:
+def _size_table(result: Result) -> list[str]:
     """Return the inferred sizes, with the true sizes and OBJ_FIT where known.
 
     Joint inference gives intervals, unless no body explains the trials.
@@ -142,7 +142,7 @@ def size_table(result: Result) -> list[str]:
     return lines
 
 
-def belief_lines(result: Result) -> list[str]:
+def _belief_lines(result: Result) -> list[str]:
     """Return the posterior of the nuisances and the findings, without the verdict."""
     belief = result.belief
     if belief is None:
@@ -170,6 +170,8 @@ def belief_lines(result: Result) -> list[str]:
 
 def end_lines(result: Result) -> list[str]:
     """Return the last sentence: the damage, or possible mistakes of the log."""
+    if not result.complete:
+        return []
     if not _explained(result):
         check = getattr(result, "check", None)
         return [] if check is None else [str(check)]

@@ -37,11 +37,17 @@ class Arm:
     compared_with: tuple[str, ...] = ()  #: Arms that are subtracted from it in pairs.
     figure: int | None = None  #: Number of its figure in the paper.
     varied: Mapping[str, Any] = field(default_factory=dict)  #: Settings that differ between arms.
+    row: str = ""  #: The arm of the table, or the method, that it is a variant of.
+
+    @property
+    def is_method(self) -> bool:
+        """Whether it is a method of one's own."""
+        return self.config.condition == MethodConfig.condition
 
     @property
     def infers_angles(self) -> bool:
         """Whether it has an estimate of the hidden angles that can be wrong."""
-        return self.config.condition not in ("ideal", MethodConfig.condition)
+        return not self.is_method and self.config.condition != "ideal"
 
 
 # In the order of reports: the paper's figures, then the others. The colours are Okabe and Ito's,
@@ -160,16 +166,17 @@ def study_arms(settings: Mapping[str, Mapping[str, Any]], rounds: int) -> dict[s
     groups: dict[str, list[str]] = {}
     for name, own in settings.items():
         groups.setdefault(_row(name, own["condition"], own.get("function")), []).append(name)
-    found: list[tuple[str, Arm]] = []
+    found: list[Arm] = []
     for row, names in groups.items():
         values = [flat({"rounds": rounds, **settings[name]}) for name in names]
         varied = [key for key in values[0] if len({json.dumps(own.get(key)) for own in values}) > 1]
-        others = len({before for before, _ in found} - ARMS.keys())
+        others = len({before.row for before in found} - ARMS.keys())
         for i, (name, own) in enumerate(zip(names, values, strict=True)):
             base = ARMS.get(row) or _another(name, settings[name], others)
             arm = replace(
                 base,
                 name=name,
+                row=row,
                 label=base.label.format(models=own.get("estimation.population", "more"))
                 + "".join(f", {setting_words(key)} {_shown(own.get(key))}" for key in varied)
                 + _changed_choices(own, varied),
@@ -178,10 +185,10 @@ def study_arms(settings: Mapping[str, Mapping[str, Any]], rounds: int) -> dict[s
                 figure=base.figure if name == row else None,
                 varied={key: own.get(key) for key in varied},
             )
-            found.append((row, arm))
+            found.append(arm)
     order = list(ARMS)
-    found.sort(key=lambda one: order.index(one[0]) if one[0] in order else len(order))
-    return {arm.name: arm for _, arm in found}
+    found.sort(key=lambda arm: order.index(arm.row) if arm.row in order else len(order))
+    return {arm.name: arm for arm in found}
 
 
 def comparisons(arms: Sequence[Arm]) -> list[tuple[str, str]]:
@@ -190,10 +197,7 @@ def comparisons(arms: Sequence[Arm]) -> list[tuple[str, str]]:
     Arms of one row are compared with its first. Arms of two rows are compared if they agree in
     every setting that both vary. A method of one's own is compared with every other arm.
     """
-    rows = [
-        _row(arm.name, arm.config.condition, getattr(arm.config, "function", None)) for arm in arms
-    ]
-    own = [arm.config.condition == MethodConfig.condition for arm in arms]
+    rows = [arm.row for arm in arms]
     pairs = []
     for i, first in enumerate(arms):
         for j, second in enumerate(arms):
@@ -201,8 +205,8 @@ def comparisons(arms: Sequence[Arm]) -> list[tuple[str, str]]:
             agree = all(first.varied[key] == second.varied[key] for key in shared)
             if rows[i] == rows[j]:
                 compared = j == rows.index(rows[i]) < i
-            elif own[i]:
-                compared = agree and (not own[j] or j < i)
+            elif first.is_method:
+                compared = agree and (not second.is_method or j < i)
             else:
                 compared = agree and rows[j] in first.compared_with
             if compared:

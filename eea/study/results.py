@@ -25,7 +25,6 @@ from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
 from eea.study.arms import Arm, spoken, study_arms
-from eea.study.method import MethodConfig
 from eea.study.replicate import RUNS_FOLDER, ReplicateKey
 from eea.study.study import read_description, replicate_keys, targets_of
 
@@ -176,7 +175,7 @@ def _table(folder: Path, keys: Sequence[ReplicateKey], plan: Mapping[str, Arm]) 
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
         numbers = table[RESULT_COLUMNS[1:]].drop(columns="act_fit").astype(np.float64)
-        own = [name for name, arm in plan.items() if arm.config.condition == MethodConfig.condition]
+        own = [name for name, arm in plan.items() if arm.is_method]
         numbers.loc[table["arm"].isin(own), NOT_A_METHODS] = 0.0  # empty
         finite = np.isfinite(numbers.to_numpy())
         sound = list(table.columns) == RESULT_COLUMNS and bool(finite.all())

@@ -11,7 +11,6 @@ from aquafish_gym.morphology import FINS
 from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
 from eea.study.arms import comparisons
-from eea.study.method import MethodConfig
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
 from eea.study.statistics import paired_difference, summary_statistics
 
@@ -35,9 +34,9 @@ def summarize_study(results: StudyResults) -> dict[str, Any]:
         "paired": [row for pair in pairs for row in _paired(results, *pair)],
         "dimension_error": {arm: _dimensions(results, arm, guesses) for arm in results.arms},
         "angle_error": {
-            arm: _summaries(results, arm, dict(zip(FINS, ANGLE_ERRORS, strict=True)))
-            if results.plan[arm].config.condition != MethodConfig.condition
-            else {}
+            arm: {}
+            if results.plan[arm].is_method
+            else _summaries(results, arm, dict(zip(FINS, ANGLE_ERRORS, strict=True)))
             for arm in results.arms
         },
     }

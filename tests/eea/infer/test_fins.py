@@ -12,8 +12,8 @@ from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import wrap
 from eea.core.config import JointConfig
 from eea.fish import RealityGap
-from eea.fish.methods import fish_eea
 from eea.fish.fins import fins_after
+from eea.fish.methods import fish_eea
 from eea.fish.target import EngineTarget
 
 # As much of a search as these trials need.
