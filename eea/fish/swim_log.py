@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from io import StringIO
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from aquafish_gym.utils.validation import (
     integer,
     sequence,
 )
-from eea.core.angles import Floats
+from eea.core.angles import TURN, Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.logs.alignment import align
 from eea.logs.columns import (
@@ -53,15 +53,12 @@ FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned 
 LONGEST_GAP_SECONDS = 0.25
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
 TIME_NAMES = {tick: unit for unit, tick in TICKS.items()}
-TURN = 2.0 * np.pi
 SERVO_UNITS = dict(zip(SERVOS, ("rev/s", "rev/s", "Hz"), strict=True))
 #: What a log must have. A flipper's servo turns in rev/s, and the tail's command is in Hz.
 QUANTITIES = {
     "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
     **{
-        servo: Quantity(
-            (servo,), {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN}, held=True
-        )
+        servo: Quantity((servo,), {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN})
         for servo in SERVOS
     },
     TRIAL_COLUMN: Quantity(
@@ -239,15 +236,8 @@ def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
     return (replace(log, time=time), said) if said else (log, said)
 
 
-class NewReadings(NamedTuple):
-    """The rows of a trial that have a new reading."""
-
-    rows: NDArray[np.intp]  #: Rows of the log.
-    repeated: int  #: The number of rows left out.
-
-
-def new_readings(log: SwimLog, index: int) -> NewReadings:
-    """Return the rows of a trial without those in which a driver repeats its last reading.
+def new_readings(log: SwimLog, index: int) -> NDArray[np.intp]:
+    """Return a trial's rows of the log but those in which a driver repeats its last reading.
 
     Raises
     ------
@@ -266,7 +256,7 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
             f"{', '.join(SERVOS)} move; they repeat the row before for {shown(gaps[last])} s: "
             "leave those rows out and make what follows another trial"
         )
-    return NewReadings(new, len(rows) - len(new))
+    return new
 
 
 def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:

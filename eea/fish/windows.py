@@ -247,12 +247,12 @@ def log_windows(
     windows: list[tuple[int, GyroReadings]] = []
     for index in range(len(log)):
         new = new_readings(log, index)
-        if new.repeated:
+        if repeated := len(log.time[log.blocks[index]]) - len(new):
             remarks.append(
-                f"in {log.name(index)} {new.repeated} rows repeat the reading of the row before: "
-                "they are left out"
+                f"in {log.name(index)} {repeated} rows repeat the reading of the row before: they "
+                "are left out"
             )
-        readings = readings_of(log, new.rows, lead * TIMESTEP - STEP_TIME_TOLERANCE)
+        readings = readings_of(log, new, lead * TIMESTEP - STEP_TIME_TOLERANCE)
         if len(readings) < FEWEST_SAMPLES:
             raise InvalidArgumentError(
                 f"{log.name(index)} must have at least {FEWEST_SAMPLES} readings, 0.01 s or more "

@@ -8,7 +8,7 @@ sensor's row to the next. Nothing is matched by row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -201,7 +201,7 @@ def align(
     between: tuple[float, float] | None,
     longest_gap: float,
 ) -> Aligned:
-    """Return the quantities of a log at the rows of the first one that is not held.
+    """Return the quantities of a log at the rows of the first one; the others are held.
 
     A table is read trial by trial, by the quantity ``trial``.
 
@@ -228,8 +228,7 @@ def align(
             # times since 1970, or since the computer's start
             begin = float(sensor.time[0])
             series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
-        held = [name for name in series if quantities[name].held]
-        parts.append(_aligned(series, held, between, longest_gap, remarks))
+        parts.append(_aligned(series, between, longest_gap, remarks))
     return Aligned(
         np.concatenate([part.time for part in parts]),
         {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
@@ -239,7 +238,6 @@ def align(
 
 def _aligned(
     series: Mapping[str, Series],
-    held: Sequence[str],
     between: tuple[float, float] | None,
     longest_gap: float,
     remarks: list[str],
@@ -255,39 +253,33 @@ def _aligned(
             "reading"
         )
     kept = np.ones(len(time), np.bool_) if between is None else sensor.within(*between)
-    direct = [
-        name
-        for name, one in series.items()
-        if one.stream is stream and np.isin(sensor.rows, one.rows).all()
-    ]
-    seen: set[bytes] = set()
-    for name, one in series.items():
-        key = one.stream.name.encode() + one.rows.tobytes()
-        if name not in direct and key not in seen and kept.any():
-            seen.add(key)
-            kept &= _known(one, time, kept, longest_gap, remarks)
+    seen = {_rows(sensor)}
+    for one in series.values():
+        if _rows(one) not in seen and kept.any():
+            seen.add(_rows(one))
+            if one.stream is not stream or not np.isin(sensor.rows, one.rows).all():
+                kept &= _known(one, time, kept, longest_gap, remarks)
     if not kept.any():
         labels = ", ".join(dict.fromkeys(one.label for one in series.values()))
         raise InvalidArgumentError(
             f"the streams {labels} must overlap in time; no row of {sensor.label} has a command: "
             "do their clocks differ?"
         )
-    values = {
-        name: series[name].values[np.searchsorted(series[name].rows, sensor.rows)]
-        for name in direct
-    }
     if stream.clocks:
-        row = np.column_stack([time, *(values[name] for name in direct if name not in held)])
+        row = np.column_stack([time, sensor.values])
         copies = np.append(False, (row[1:] == row[:-1]).all(axis=1)) & kept
         if copies.any():
             remarks.append(f"{copies.sum()} rows of {stream.name} were written twice: one is used")
             kept &= ~copies
         refuse_holes(sensor, time[kept], longest_gap)
-    found = {
-        name: values[name][kept] if name in direct else held_means(time[kept], one.time, one.values)
-        for name, one in series.items()
-    }
-    return Aligned(time[kept], found, remarks)
+    # In rows that have the reading and the command, the mean is that command.
+    values = {name: held_means(time[kept], one.time, one.values) for name, one in series.items()}
+    return Aligned(time[kept], values | {own: sensor.values[kept]}, remarks)
+
+
+def _rows(one: Series) -> tuple[str, bytes]:
+    """Return what series of the same rows of a stream have in common."""
+    return one.stream.name, one.rows.tobytes()
 
 
 def held_means(at: Floats, time: Floats, values: Floats) -> Floats:

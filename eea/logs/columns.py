@@ -62,7 +62,6 @@ class Quantity:
 
     columns: tuple[str, ...]  #: Their names in a file that needs no map.
     units: Mapping[str, float]  #: Unit -> its size in the first unit.
-    held: bool = False  #: Whether a row's value holds until the next, as a command does.
     optional: bool = False
     with_sensor: bool = False  #: Whether its stream must be that of the first quantity.
     advice: str = ""  #: What to do where a cell is no number.

@@ -242,7 +242,7 @@ def _quantities(channels: Mapping[str, str], columns: Mapping[str, str]) -> dict
     for name in names:
         if name not in (*channels, TIME):
             advice = ": number the trials" if name == TRIAL else ""
-            found.setdefault(name, Quantity((name,), {}, held=True, advice=advice))
+            found.setdefault(name, Quantity((name,), {}, advice=advice))
     return found
 
 

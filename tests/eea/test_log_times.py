@@ -217,9 +217,9 @@ def repeated(log, rate):
 def test_rows_that_repeat_a_reading_are_left_out(rows, rate):
     log = repeated(swim(at_rate(rows, 8.0)), rate)
     new = new_readings(log, 0)
-    assert len(new.rows) == pytest.approx(8.0 * rate, abs=2)
+    assert len(new) == pytest.approx(8.0 * rate, abs=2)
     cut = log_windows(log)
-    said = f"in trial 1 {new.repeated} rows repeat the reading of the row before"
+    said = f"in trial 1 {len(log.time) - len(new)} rows repeat the reading of the row before"
     assert cut.remarks[0].startswith(said)
     if (rows, rate) in ((300, 100), (100, 90)):
         assert found_within(log, least=6) == pytest.approx(NOISE, rel=0.15)
@@ -234,7 +234,7 @@ def test_rows_that_are_equal_for_another_reason_are_kept():
     told[295:402] = 0.0
     coarse = np.round(log.gyro / 0.2) * 0.2
     for gyro, commands in ((rest, told), (coarse, log.commands), (0.0 * rest, told)):
-        assert new_readings(SwimLog(time, gyro, commands), 0).repeated == 0
+        assert len(new_readings(SwimLog(time, gyro, commands), 0)) == len(time)
 
 
 def test_a_driver_that_stops_in_mid_swim_is_named():

@@ -257,7 +257,7 @@ def test_a_hole_names_a_clock_that_has_none() -> None:
         "y": np.where(np.arange(120) % 5 == 0, 1.0, np.nan),
     }  # fmt: skip
     log = Recording("CSV", [Stream("", columns, {}, {"elapsed_time [ms]": "ms"})], [])
-    wanted = {"x": Quantity(("x",), {}), "y": Quantity(("y",), {}, held=True)}
+    wanted = {"x": Quantity(("x",), {}), "y": Quantity(("y",), {})}
     with pytest.raises(
         InvalidArgumentError, match=r"y must have no hole .*time=elapsed_time \[ms]"
     ):
