@@ -253,12 +253,17 @@ def _aligned(
             "reading"
         )
     kept = np.ones(len(time), np.bool_) if between is None else sensor.within(*between)
-    seen = {_rows(sensor)}
-    for one in series.values():
-        if _rows(one) not in seen and kept.any():
-            seen.add(_rows(one))
-            if one.stream is not stream or not np.isin(sensor.rows, one.rows).all():
-                kept &= _known(one, time, kept, longest_gap, remarks)
+    used = {}
+    seen = set()
+    for name, one in series.items():
+        of_reading = np.isin(one.rows, sensor.rows)
+        rows = (one.stream.name, one.rows.tobytes())
+        used[name] = one
+        if one.stream is stream and of_reading.sum() == len(time):
+            used[name] = one.only(of_reading)  # the mean until the next reading is its own value
+        elif rows not in seen and kept.any():
+            seen.add(rows)
+            kept &= _known(one, time, kept, longest_gap, remarks)
     if not kept.any():
         labels = ", ".join(dict.fromkeys(one.label for one in series.values()))
         raise InvalidArgumentError(
@@ -272,14 +277,8 @@ def _aligned(
             remarks.append(f"{copies.sum()} rows of {stream.name} were written twice: one is used")
             kept &= ~copies
         refuse_holes(sensor, time[kept], longest_gap)
-    # In rows that have the reading and the command, the mean is that command.
-    values = {name: held_means(time[kept], one.time, one.values) for name, one in series.items()}
-    return Aligned(time[kept], values | {own: sensor.values[kept]}, remarks)
-
-
-def _rows(one: Series) -> tuple[str, bytes]:
-    """Return what series of the same rows of a stream have in common."""
-    return one.stream.name, one.rows.tobytes()
+    values = {name: held_means(time[kept], one.time, one.values) for name, one in used.items()}
+    return Aligned(time[kept], values, remarks)
 
 
 def held_means(at: Floats, time: Floats, values: Floats) -> Floats:
@@ -446,17 +445,14 @@ def refuse_holes(one: Series, time: Floats, longest: float) -> None:
     if not len(back) and not len(holes):
         return
     row = int(min([*back[:1], *holes[:1]]))
-    first = _short(float(time[row]))
-    last = _short(float(time[row + 1]))
-    begin = _short(float(time[0]))
-    other = _steady_clock(one.stream, longest)
+    begin, first, last, end = (_short(float(time[place])) for place in (0, row, row + 1, -1))
+    other = _steady_clock(one, longest)
     hint = f"; or take {other}, which runs on: time={other}" if other else ""
     if steps[row] > 0.0:
-        end = _short(float(time[-1]))
+        parts = [f"between {a} and {b}" for a, b in ((begin, first), (last, end)) if a != b]
         raise InvalidArgumentError(
             f"{one.label} must have no hole of more than {longest:.3g} s; it has none of its rows "
-            f"from {first} to {last} s: take a part, between {begin} and {first} or between {last} "
-            f"and {end}{hint}"
+            f"from {first} to {last} s: take a part, {' or '.join(parts)}{hint}"
         )
     raise InvalidArgumentError(
         f"{one.label} must not go back in time; it goes from {first} to {last} s, as after a "
@@ -464,13 +460,13 @@ def refuse_holes(one: Series, time: Floats, longest: float) -> None:
     )
 
 
-def _steady_clock(stream: Stream, longest: float) -> str | None:
-    """Return a column of times without a step back or a hole, if a stream has one.
+def _steady_clock(one: Series, longest: float) -> str | None:
+    """Return a column of times without a step back or a hole in a series' rows, if there is one.
 
     The clock that has a hole is none of them.
     """
-    for name, tick, _ in time_columns(stream):
-        steps = np.diff(stream.numbers(name)) * tick
+    for name, tick, _ in time_columns(one.stream):
+        steps = np.diff(one.stream.numbers(name)[one.rows]) * tick
         if len(steps) and (steps >= 0.0).all() and steps.max() <= longest:
             return name
     return None

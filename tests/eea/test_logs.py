@@ -295,6 +295,23 @@ def test_a_hole_is_refused_with_the_parts_beside_it(
     assert len(read_log(tmp_path / "swim.BIN", columns, (2.6, 3.19)).time) == 60
 
 
+@pytest.mark.parametrize(
+    ("between", "parts"), [((0.0, 0.8), "between 0 and 0.5"), ((0.7, 1.19), "between 1 and 1.19")]
+)
+def test_a_hole_of_the_commands_counts_where_one_side_of_it_is_read(
+    between: tuple[float, float], parts: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "swim.csv"
+    lines = ["time,gyro_x,gyro_y,gyro_z,left_pectoral,right_pectoral,caudal"]
+    for time, rates in zip(TIME, RATES, strict=True):
+        command = ",," if 0.505 < time < 0.995 else "0.5,-0.5,1"
+        lines.append(",".join([f"{time:.2f}", *map(str, rates), command]))
+    path.write_text("\n".join([*lines, ""]))
+    with pytest.raises(InvalidArgumentError, match=f"must have no hole .*a part, {parts}$"):
+        read_log(path, {}, between)
+    assert len(read_log(path, {}, (0.0, 0.5)).time) == 51
+
+
 def test_time_that_goes_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     changed_times(np.where(TIME > 0.595, TIME - 0.3, TIME), monkeypatch)
     columns = write_bin(tmp_path / "swim.BIN") | dict.fromkeys(SCALED, "0*IMU.GyrX")
