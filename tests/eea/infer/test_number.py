@@ -241,6 +241,36 @@ def test_what_has_changed_is_known_afterwards():
     assert parameters.prior_precision[i] > 100.0
 
 
+@pytest.mark.parametrize(
+    ("name", "number", "change", "mean", "variance", "ends"),
+    [
+        ("gain", Number(0.0, 2.0, healthy=1.0), Number(0.1, sd=0.3), 1.1, 0.09, (0.0, 2.0)),
+        (
+            "gain",
+            Number(0.0, 2.0, healthy=1.0),
+            Number(mean=0.0, sd=0.3, high=0.0),
+            1.0,
+            0.09,
+            (0.0, 1.0),
+        ),
+        ("gain", Number(0.0, 2.0, healthy=1.0), Number(0.0), 1.0, math.inf, (0.0, 2.0)),
+        ("bias", Number(-2.0, 2.0, mean=0.1, sd=0.3), Number(0.0, sd=0.4), 0.1, 0.25, (-2.0, 2.0)),
+    ],
+)
+def test_a_change_adds_to_what_was_known(name, number, change, mean, variance, ends):
+    """Of a healthy number nothing else is known; of one with a prior the variances add."""
+    changed = Hypothesis("it has changed", moves={name: change})
+    robot = replace(CART, numbers={**CART.numbers, name: number}, hypotheses=[changed])
+    parameters = Unknowns.of(robot, 1, robot.groups, changed)
+    i = parameters.first_entry(name)
+    span = number.high - number.low
+    shares = (parameters.low[i], parameters.high[i], parameters.prior_mean[i])
+    found = [number.low + span * share for share in shares]
+    assert found == pytest.approx([*ends, mean])
+    precision = parameters.prior_information[i, i]
+    assert precision / span**2 == pytest.approx(1.0 / variance)
+
+
 def test_a_switch_that_was_moved_stays_known():
     numbers = {**CART.numbers, "gain": Number(0.0, 2.0, mean=1.0, switch=True)}
     weak = Hypothesis("it is weak", moves={"gain": Number(0.0)})
