@@ -153,6 +153,7 @@ def spectrum(samples: int, duration: float) -> Floats:
 
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
+LEAST_DISTINCT = 10  # values of a trial that is not equal to another by chance
 LARGEST_NUMBER = 1e100  # of a signal, in any unit: its square, summed and weighed, is finite
 
 
@@ -236,6 +237,7 @@ class Observed:
                 f"{len(trials)} has none"
             )
         inputs: Any = [None if t.inputs is None else np.asarray(t.inputs) for t in trials]
+        _check_distinct(signals)
         shapes = {None if one is None else one.shape for one in inputs}
         if len(shapes) == 1 and shapes != {None}:
             inputs = np.stack(inputs)
@@ -357,3 +359,22 @@ class Observed:
         covariance = np.exp(-np.abs(time[:, None] - time) / duration) * np.outer(weight, weight)
         variances, vectors = np.linalg.eigh(covariance)
         return SlowBasis(np.maximum(variances, 0.0), vectors)
+
+
+def _check_distinct(signals: Sequence[Floats]) -> None:
+    """Raise a ConfigurationError if a trial's samples are those of another, or a part of them.
+
+    Trials of few values, such as a switch's, may be equal by chance.
+    """
+    samples = [np.ascontiguousarray(signal).tobytes() for signal in signals]
+    first: dict[bytes, int] = {}
+    for i, own in enumerate(samples):
+        longer = [k for k, other in enumerate(samples) if len(own) < len(other) and own in other]
+        others = {first.setdefault(own, i), *longer} - {i}
+        signal = signals[i]
+        if others and len(np.unique(signal[np.isfinite(signal)])) >= LEAST_DISTINCT:
+            one, two = sorted((min(others) + 1, i + 1))
+            raise ConfigurationError(
+                "trials must be recordings of their own, each given once; got the same samples in "
+                f"trials {one} and {two}"
+            )

@@ -235,6 +235,26 @@ def test_masked_numbers_of_a_simulator_are_those_of_trials_that_failed():
     assert found["gain"][0] == pytest.approx(infer(SOUGHT, trials).table()["gain"][0], abs=1e-3)
 
 
+def test_a_recording_is_given_once():
+    rng = np.random.default_rng(5)
+    whole = measured(rng)
+    part = Trial(whole.signal[20:50], PUSH[20:50])
+    said = "each given once; got the same samples in trials "
+    refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), whole, whole]))
+    refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), part, whole]))
+    refused(f"{said}1 and 3", lambda: SOUGHT.learn([whole, measured(rng), whole]))
+
+
+def test_short_trials_of_a_switch_may_be_equal_by_chance():
+    def share(values, _):
+        return np.tile(values["share"][:, None, None], (1, 8, 1))
+
+    switch = Robot(share, {"share": Number(0.0, 1.0)}, {"on": ""})
+    once = Trial([[1.0], [0.0], [1.0], [1.0], [0.0], [0.0], [1.0], [0.0]])
+    middle, _, _ = infer(switch, [once, once]).table()["share"]
+    assert middle == pytest.approx(0.5, abs=0.05)
+
+
 def test_trials_with_and_without_inputs_are_refused():
     one = measured(np.random.default_rng(0))
     several = [one, Trial(one.signal)]
