@@ -25,10 +25,11 @@ from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer, WarmStart
 from eea.infer.branch import Branch
-from eea.infer.goodness import LEAST_RELATIVE_RMS, of_rough_simulator
+from eea.infer.goodness import LEAST_RELATIVE_RMS, beside_rounding, of_rough_simulator
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.optima import Optima, as_they_are, improved
+from eea.infer.recorder import LEAST_WIDENING, recorded, simulated, sound, widened
 from eea.infer.scan import pose
 from eea.infer.search import agreed, halved, polished, search
 from eea.infer.simulating import OutOfBudgetError, Simulations
@@ -36,6 +37,7 @@ from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 from eea.infer.valleys import settled, stepped, with_others
+from eea.infer.words import of_recorder
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
@@ -406,8 +408,68 @@ def _infer(
     noise: Mapping[str, float] | Noise | None,
     usual: Floats | None,
 ) -> Answer:
-    """Fit trials with known noise, or again until the noise that they leave stays the same."""
+    """Fit trials, and again by the readings that a recorder has left sound."""
     rng = np.random.default_rng(seed)
+    answer = _fitted(robot, observed, rng, config, noise, usual)
+    found = recorded(answer.best_fit)
+    if not found or answer.ended:
+        return replace(answer, caveats=(*answer.caveats, *of_recorder(found, robot, False)))
+    counts = observed.there
+    signal = observed.signal
+    sd = np.zeros(len(robot.channels))
+    for _ in range(MOST_SOUND_ROUNDS):
+        kept = sound(observed, found, signal, sd)
+        if (kept == counts).all():
+            break
+        enough = kept.any(axis=(0, 1)).all() and kept.sum() > _most_unknowns(answer)
+        if not enough:
+            return replace(answer, caveats=(*answer.caveats, *of_recorder(found, robot, False)))
+        counts = kept
+        apart = replace(observed, weight=kept.astype(np.float64))
+        answer = _fitted(robot, apart, rng, config, noise, usual)
+        signal = simulated(answer.best_fit, observed)
+        sd = _noise_of(answer).sd
+    before = _noise_of(answer)
+    wide = widened(answer.best_fit, found, before)
+    louder = wide.sd > LEAST_WIDENING * before.sd
+    found = [one for one in found if one.kind != "steps" or louder[one.channel]]
+    if louder.any():
+        observed = replace(observed, weight=counts.astype(np.float64))
+        answer = _fitted(robot, observed, rng, config, wide, usual)
+        if usual is None:
+            rest = int(counts[:, :, ~louder].sum())
+            residuals = answer.best_fit.residuals
+            most = _most_unknowns(answer)
+            tested = beside_rounding(answer.goodness, residuals, louder, rest, most, robot.noun)
+            answer = replace(answer, goodness=tested)
+    return replace(answer, caveats=(*answer.caveats, *of_recorder(found, robot, True)))
+
+
+MOST_SOUND_ROUNDS = 3  # of fits without the readings at an end
+
+
+def _noise_of(answer: Answer) -> Noise:
+    """Return the noise of each channel by an answer."""
+    assert answer.noise is not None
+    return answer.noise._replace(sd=answer.sigma * answer.noise.sd)
+
+
+def _most_unknowns(answer: Answer) -> int:
+    """Return the unknowns of the hypothesis that has most, of those that were fitted."""
+    assert answer.warm_start is not None
+    fitted = answer.warm_start.optima.values()
+    return max(one.regression.parameters.unknowns for one in fitted)
+
+
+def _fitted(
+    robot: RobotModel,
+    observed: Observed,
+    rng: np.random.Generator,
+    config: FitConfig,
+    noise: Mapping[str, float] | Noise | None,
+    usual: Floats | None,
+) -> Answer:
+    """Fit trials with known noise, or again until the noise that they leave stays the same."""
     if noise is not None:
         known = known_noise(noise, robot)
         config = replace(config, noise=1.0)  # times the channels' own

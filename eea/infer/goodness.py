@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, log_ndtr, stdtr
 
 from eea.core.angles import Floats
@@ -165,6 +165,28 @@ def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:
         f"smaller tolerance, or double precision (its best fit leaves {goodness.rms:.3g})"
     )
     return replace(goodness, good=False, verdict=words)
+
+
+def beside_rounding(
+    goodness: Goodness,
+    residuals: Sequence[Floats],
+    rounded: NDArray[np.bool_],
+    count: int,
+    parameters: int,
+    what: str = "robot",
+) -> Goodness:
+    """Return the goodness of a fit, some of whose channels (C,) are ``rounded`` by a recorder.
+
+    Errors of rounding are neither white nor normal, so the ``residuals`` (T, C) of the others are
+    tested, as multiples of their noise. ``count`` is the number of the others' samples.
+    """
+    if rounded.all():
+        words = f"the best fit leaves {goodness.rms:.3g} times the noise, as rounding would"
+        return replace(goodness, whiteness_p=1.0, peak_p=1.0, p=1.0, good=True, verdict=words)
+    others = [np.where(rounded, 0.0, one) for one in residuals]
+    missing = sum(one.size for one in others) - count
+    found = goodness_of_fit(others, parameters, 1.0, missing=missing, what=what)
+    return replace(found, unexplained=goodness.unexplained)
 
 
 def against_known_good(

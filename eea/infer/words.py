@@ -16,6 +16,7 @@ from eea.infer.design import moved_alone, would_not_show
 from eea.infer.goodness import LOUD_JITTER
 from eea.infer.mixture import Mixture
 from eea.infer.optima import Optima
+from eea.infer.recorder import Recorded
 from eea.infer.statement import TURNS, Hypothesis, RobotModel
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 
@@ -236,6 +237,25 @@ def of_simulator(optima: Optima) -> list[str]:
             f"simulate jitters or bends by {rough.jitter:.1g} of the noise within a few sds of a "
             "number: the intervals may be too narrow"
         )
+    return said
+
+
+def of_recorder(found: Sequence[Recorded], robot: RobotModel, mended: bool) -> list[str]:
+    """Return sentences on what a recorder did to channels, and whether it was ``mended``."""
+    said = []
+    for one in found:
+        name = list(robot.channels)[one.channel]
+        value = f"{one.value:g} {robot.channel_units[name]}".strip()
+        if one.kind == "steps":
+            words = f"the readings of {name} come in steps of {value}, wider than the noise: "
+            wider = "its noise counts as louder" if mended else "the intervals may be too narrow"
+        elif one.kind == "held":
+            words = f"{name} repeats each reading for {one.value:g} rows: "
+            wider = "the first of them counts" if mended else "give the rows between as NaN"
+        else:
+            words = f"{name} is at its end, {value}, in {one.rows} of {one.of} rows: "
+            wider = "they are left out" if mended else "give them as NaN"
+        said.append(words + wider)
     return said
 
 
