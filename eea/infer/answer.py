@@ -13,7 +13,7 @@ from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, TargetError, choice, instance, real, whole
 from eea.core.floating import own_errors
 from eea.core.result import handed_on
-from eea.infer.branch import INTERVAL_SAMPLES, Branch, mixed
+from eea.infer.branch import INTERVAL_SAMPLES, Branch, mixed, rivals
 from eea.infer.design import Identified, Prospect, identified, prospects
 from eea.infer.goodness import Goodness
 from eea.infer.misfit import Roughness
@@ -30,6 +30,7 @@ from eea.infer.words import (
     of_simulator,
     of_turns,
     several,
+    undecided,
     unnoticed,
 )
 
@@ -177,13 +178,41 @@ class Answer:
 
         Numbers of trial e have ``@e`` after their names, from 1. They are those of the most
         probable hypothesis, or of another by its name. An interval holds its median; that of an
-        angle may end beyond pi.
+        angle may end beyond pi. Where several hypotheses may hold, and a number that all trials
+        share differs among them, its interval is that of all, unless the robot has parts.
         """
         if hypothesis is None:
-            return self.branches[0].table(mass)
+            table = self.branches[0].table(mass)
+            return table if self.robot.parts else {**table, **self._of_rivals(table, mass)}
         fitted = {branch.hypothesis.name: branch for branch in self.branches}
         choice("hypothesis", hypothesis, fitted)
         return fitted[hypothesis].table(mass)
+
+    def _of_rivals(
+        self, table: Mapping[str, tuple[float, float, float]], mass: float
+    ) -> dict[str, tuple[float, float, float]]:
+        """Return the rows of a table that differ among the hypotheses that may hold."""
+        others = rivals(self.branches)
+        differ = dict.fromkeys(name for some in others.values() for name in some)
+        names = [name for name in differ if name in table]
+        if not names:
+            return {}
+        likely = [b for b in self.branches if b is self.branches[0] or b.hypothesis.name in others]
+        rng = np.random.default_rng(0)
+
+        def draw(branch: Branch, times: int) -> Floats:
+            values = branch.parameters.local(branch.doubted.sample(times, rng))[:, 0]
+            return np.array([branch.parameters.values(values)[name] for name in names]).T
+
+        drawn = mixed(likely, INTERVAL_SAMPLES, rng, draw)
+        numbers = [self.robot.table[name] for name in names]
+        low = np.array([one.low for one in numbers])
+        high = np.array([one.high for one in numbers])
+        straight = np.zeros(len(names), np.bool_)
+        low, high = intervals(drawn, low, high, straight, mass)
+        middle = np.array([table[name][0] for name in names])
+        rows = np.stack(holding(low, high, middle, straight))[[2, 0, 1]].T
+        return dict(zip(names, map(tuple, rows.tolist()), strict=True))
 
     @own_errors
     def identified(self) -> Identified:
@@ -224,14 +253,14 @@ class Answer:
         Raises
         ------
         ConfigurationError
-            If no robot explains the trials, or several answers do alike: another trial must tell
-            them apart (:meth:`prospects`).
+            If no robot explains the trials, or several answers do alike, or hypotheses with other
+            values of a number: another trial must tell them apart (:meth:`prospects`).
         """
         from eea.infer.known import Known
 
         if not self.good:
             raise ConfigurationError(f"an answer must be good to be known; got: {self.verdict}")
-        if said := several(self.branches[0]):
+        if said := several(self.branches[0]) + undecided(self.branches):
             raise ConfigurationError(f"an answer must be one to be known; got: {said[0]}")
         return Known.of(self, robot)
 
@@ -286,7 +315,7 @@ class Answer:
         if self.goodness.good:
             return limits + self._gaps()
         # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
-        said = [self.goodness.verdict]
+        said = [] if self.ended else [self.goodness.verdict]
         if best.hypothesis.name != self.robot.nominal.name:
             said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
         return said + limits + beyond_range(best.posterior, self.robot)

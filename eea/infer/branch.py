@@ -13,6 +13,7 @@ from eea.core.angles import Floats
 from eea.infer.box_normal import LEAST_PRECISION
 from eea.infer.mixture import (
     LEAST_APART,
+    LEAST_WEIGHT,
     PEAK_DISTANCE_SDS,
     Mixture,
     Mode,
@@ -20,7 +21,7 @@ from eea.infer.mixture import (
     holding,
 )
 from eea.infer.statement import Hypothesis, Prior, RobotModel
-from eea.infer.unknowns import Unknowns
+from eea.infer.unknowns import FIXED_SLOT, Unknowns
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
 LEAST_SD = 1e-6  # share of a range, in a prior
@@ -89,6 +90,20 @@ class Branch:
         reach = np.maximum(PEAK_DISTANCE_SDS * np.sqrt(spread.max(axis=0)), LEAST_APART)
         return np.asarray(entries[np.ptp(theta, axis=0) > reach])
 
+    def told(self) -> tuple[Floats, Floats]:
+        """Return the best values and standard deviations of all numbers (W,), as shares.
+
+        Those of angles, and of numbers that vary from trial to trial, are 0.
+        """
+        parameters = self.parameters
+        mode = self.posterior.modes[int(np.argmax(self.posterior.weights))]
+        entries = parameters.slots[0]
+        spread = np.sqrt(np.diag(mode.covariance(LEAST_PRECISION)))
+        sd = np.where(entries == FIXED_SLOT, 0.0, spread[entries])
+        numbers = parameters.robot.table.values()
+        shared = np.array([not (one.varies or one.circular) for one in numbers])
+        return np.where(shared, parameters.local(mode.theta[None])[0, 0], 0.0), sd * shared
+
     def _middle(self) -> Floats:
         """Return the medians (P,); between two answers of a robot there is none, so the best's."""
         middle = self.posterior.median()
@@ -108,6 +123,23 @@ class Branch:
         low, high, middle = holding(low, high, self._middle(), parameters.circular)
         rows = map(tuple, parameters.natural(np.array([middle, low, high])).T.tolist())
         return dict(zip(parameters.names, rows, strict=True))
+
+
+def rivals(branches: Sequence[Branch]) -> dict[str, list[str]]:
+    """Return the hypotheses that may hold as well as the first, and the numbers that differ there.
+
+    These are numbers that all trials share and that are no angles, fixed or inferred, whose values
+    are as far apart as those of different answers of one hypothesis.
+    """
+    middle, sd = branches[0].told()
+    found = {}
+    for branch in branches[1:]:
+        other, wide = branch.told()
+        reach = np.maximum(PEAK_DISTANCE_SDS * np.maximum(sd, wide), LEAST_APART)
+        apart = np.flatnonzero(np.abs(other - middle) > reach)
+        if branch.probability >= LEAST_WEIGHT and len(apart):
+            found[branch.hypothesis.name] = [branch.parameters.robot.names[i] for i in apart]
+    return found
 
 
 def mixed(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.infer.branch import Branch
+from eea.infer.branch import Branch, rivals
 from eea.infer.design import moved_alone, would_not_show
 from eea.infer.goodness import LOUD_JITTER
 from eea.infer.mixture import Mixture
@@ -91,6 +91,20 @@ def several(branch: Branch) -> list[str]:
     if len(names) == 1:
         return [f"{count} values of {names[0]} explain the log alike: {_listed(told, 'and')}"]
     return [f"{count} answers explain the log alike: {', or '.join(told)}"]
+
+
+def undecided(branches: Sequence[Branch]) -> list[str]:
+    """Return a sentence on the hypotheses that may hold, if numbers differ among them."""
+    others = rivals(branches)
+    if not others:
+        return []
+    likely = [b for b in branches if b is branches[0] or b.hypothesis.name in others]
+    told = [f"{b.hypothesis.name} ({b.probability:.0%})" for b in likely]
+    names = list(dict.fromkeys(name for some in others.values() for name in some))
+    return [
+        f"{COUNTS[min(len(told), 9)]} hypotheses explain the log, with other values of "
+        f"{_listed(names, 'and')}: {_listed(told, 'and')}"
+    ]
 
 
 def _listed(words: Sequence[str], last: str) -> str:

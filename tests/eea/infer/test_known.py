@@ -113,3 +113,24 @@ def test_an_answer_that_no_robot_explains_or_two_explain_is_not_known():
     assert any("two values of g" in said for said in followed.findings)
     low, high = followed.table["g"][1:]
     assert low < -1.5 < 1.5 < high  # not one of the two
+
+
+def test_hypotheses_that_explain_alike_leave_a_number_open():
+    times = 0.05 * np.arange(200)
+
+    def wave(values, _):
+        return ((values["a"] + values["b"])[:, None] * np.sin(times))[:, :, None]
+
+    changed = [Hypothesis(f"{name} is off", moves={name: Number(0.0)}) for name in "ab"]
+    numbers = {name: Number(0.0, 3.0, healthy=1.0) for name in "ab"}
+    robot = Robot(wave, numbers, {"signal": "V"}, hypotheses=changed)
+    noise = np.random.default_rng(6).normal(0.0, 0.05, 200)
+    found = robot.infer([Trial((2.7 * np.sin(times) + noise)[:, None])])
+    for _, low, high in found.table().values():
+        assert low == pytest.approx(1.0, abs=0.05)
+        assert high == pytest.approx(1.7, abs=0.05)
+    alone = found.table(hypothesis="a is off")
+    assert alone["b"] == pytest.approx((1.0, 1.0, 1.0), abs=1e-4)
+    assert alone["a"][2] - alone["a"][1] < 0.05
+    with pytest.raises(ConfigurationError, match="two hypotheses explain the log, with other"):
+        found.known()
