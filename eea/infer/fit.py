@@ -372,7 +372,8 @@ def infer(
     Raises
     ------
     ConfigurationError
-        If trials have other channels than the robot, or settings are wrong.
+        If trials have other channels than the robot, two are the same recording, or settings are
+        wrong.
     TargetError
         If no simulation stays finite.
     """
