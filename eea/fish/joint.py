@@ -113,7 +113,6 @@ def fish_signal(
                 )
                 for i in range(0, len(inputs), most)
             ])  # fmt: skip
-    start = None if windows is None else windows.start
     reactive = values[REACTIVE_WATER] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
         parts = [
@@ -132,30 +131,22 @@ def fish_signal(
         return signal
     gain = values[SERVO_GAIN][:, None]
     bias = _columns(values, GYRO_BIAS)
-    still = np.zeros((len(reactive), 3))
     fields = {
         **material.fields(_columns(values, SIZE_NAMES), _columns(values, DRAG)),
         "servo_gain": gain * _columns(values, SERVO.values()),
         "servo_lag": values[LAG],
+        "fin_angles": _columns(values, FINS),
     }
-    if start is not None:
-        fields |= {n: still + getattr(start, n) for n in ("fin_angles", "velocity", "spin")}
+    if windows is not None and windows.begun:
+        fields["velocity"] = _columns(values, START_VELOCITY)
+        fields["spin"] = windows.spin[inputs] - bias + _columns(values, START_SPIN)
     else:
-        fields["fin_angles"] = _columns(values, FINS)
-        if windows is not None and windows.begun:
-            fields["velocity"] = _columns(values, START_VELOCITY)
-            fields["spin"] = windows.spin[inputs] - bias + _columns(values, START_SPIN)
-        else:
-            fields["current"] = np.asarray(simulator.current) + _columns(values, CURRENT)
-    scenario = Scenario.fill(fields, bool(reactive.any()))
-    if start is not None:  # until then every servo obeyed its command
-        obeyed = replace(scenario, servo_gain=still + gain)
-        scenario = obeyed.then(0, scenario)
+        fields["current"] = np.asarray(simulator.current) + _columns(values, CURRENT)
     commands = inputs
     if windows is not None:
         commands = windows.commands(inputs, [values[name] for name in change_names(windows)])
     gyro = simulate_scenario(
-        scenario,
+        Scenario.fill(fields, bool(reactive.any())),
         commands,
         simulator.steps,
         simulator.engine,
@@ -247,11 +238,6 @@ def fish_numbers(windows: LogWindows | None = None) -> dict[str, Number]:
     """Return the fish's numbers in trials from rest, or in the windows of a log."""
     # The share of the time between two rows after which a command changed; in each trial its own.
     changes = {name: Number(0.0, 1.0, varies=True) for name in change_names(windows)}
-    if windows is not None and windows.start is not None:
-        # The water is still. A reversed tail can be recognised if its phase is known.
-        still = {name: Number(-0.5, 0.5, mean=0.0, switch=True) for name in CURRENT}
-        tail = replace(NUISANCES[SERVO["caudal"]], low=-1.0)
-        return {**SIZES, **still, **NUISANCES, SERVO["caudal"]: tail, **changes}
     if windows is not None and windows.begun:
         return {**SIZES, **NUISANCES, **STARTS, **changes, **ANGLES}
     return {**SIZES, **CURRENTS, **NUISANCES, **changes, **ANGLES}
@@ -273,18 +259,11 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
 
     The inputs of a log's windows (E,) are their numbers from 0.
     """
-    known = windows is not None and windows.start is not None
-    hypotheses = HYPOTHESES
-    if known:
-        hypotheses = tuple(
-            replace(h, moves={name: change for name, change in h.moves.items() if name not in FINS})
-            for h in HYPOTHESES
-        )
     return Robot(
         partial(fish_signal, simulator=simulator, windows=windows),
         fish_numbers(windows),
         {f"gyro {axis}": "rad/s" for axis in "xyz"},
-        hypotheses=hypotheses,
+        hypotheses=HYPOTHESES,
         parts={
             word: Part(
                 {d.name: d.size for d in DIMENSIONS if d.fin == fin},

@@ -12,7 +12,7 @@ from aquafish_gym.rendering.pictures import new_figure
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
-from eea.fish.log_inference import Watched
+from eea.fish.known import Watched
 from eea.infer.answer import Answer
 
 # Of Okabe and Ito's palette, which colour-blind readers can tell apart.

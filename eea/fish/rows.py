@@ -176,10 +176,6 @@ class Changes:
             found[rows, ends - 1] += early[:, :, None] * self.jump[windows, k][:, None]
         return found
 
-    def after(self, steps: int) -> Changes:
-        """Return the changes of series that begin some steps earlier."""
-        return Changes(self.earliest + steps, self.latest + steps, self.jump)
-
     def between(self, window: NDArray[np.intp], begin: Floats, end: Floats) -> NDArray[np.bool_]:
         """Return whether a change may lie between steps ``begin`` and ``end`` (...) of a window."""
         own = (self.jump[window] != 0.0).any(axis=-1)

@@ -13,14 +13,10 @@ from math import gcd
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from aquafish_gym.command import check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.physics.kinematics import rotation
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.scenario import check_row
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
 from eea.core.angles import Floats
 from eea.fish.rows import (
     DIFFERENCE_ORDER,
@@ -54,43 +50,6 @@ INDEPENDENT_SHARE = 0.7  # of overlapping differences, for the variance of their
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """The state of a robot at the first row of its record, in still water.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a field has the wrong shape or range.
-
-    Examples
-    --------
-    >>> Start(fin_angles=(0.3, 1.0, -2.0)).velocity  # at rest
-    array([0., 0., 0.])
-    """
-
-    fin_angles: ArrayLike  #: (3,) left and right pectoral angle and caudal phase, rad.
-    #: (3,) velocity relative to the water, body axes, units/s.
-    velocity: ArrayLike = (0.0, 0.0, 0.0)
-    spin: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) angular velocity, body axes, rad/s.
-    #: (3,) command executed until then, rev/s, rev/s and Hz.
-    command: ArrayLike = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for name in ("fin_angles", "velocity", "spin"):
-            object.__setattr__(self, name, check_row(name, getattr(self, name)))
-        object.__setattr__(self, "command", check_commands(self.command, "command")[0])
-
-    @classmethod
-    def of_state(cls, state: Floats, command: ArrayLike) -> Start:
-        """Return the start of a state (25,) of ``aquafish_gym.physics.layout``, in still water."""
-        numbers = max(rows.stop for rows in FIELDS.values())
-        state = finite_array("state", state, (numbers,))
-        turned: Floats = np.array(rotation(tuple(state[FIELDS["orientation"]].tolist())))
-        velocity = state[FIELDS["velocity"]] @ turned
-        return cls(angles_of_rows(state), velocity, state[FIELDS["spin"]], command)
-
-
-@dataclass(frozen=True, eq=False)
 class LogWindows:
     """E windows of at most T samples of a log, to be simulated for ``steps`` steps of 0.01 s.
 
@@ -111,7 +70,6 @@ class LogWindows:
     stride: int  #: Early stages of a search compare every n-th reading, about 5 a second.
     ends: Floats  #: (E,) end of each window, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: Sentences on the unused parts of the log.
-    start: Start | None = None  #: The state of each trial at its first row, if it is known.
     changes: Changes | None = None  #: Changes of command at unknown times; ``series`` has the last.
 
     @cached_property
@@ -205,12 +163,11 @@ def log_windows(
     log: SwimLog,
     moving: bool = False,
     seconds: float | None = None,
-    start: Start | None = None,
     within: float = TIMESTEP,
 ) -> LogWindows:
     """Cut a log into windows, which joint inference compares.
 
-    Each trial from rest, or from a known start, is a window of at most 1024 samples. A record in
+    Each trial from rest is a window of at most 1024 samples. A record in
     mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only determine the
     servo speeds. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
     are left out, and rows that were stamped on arrival in packets are stamped evenly; see
@@ -225,8 +182,6 @@ def log_windows(
     seconds
         Length of a window. A trial has as many windows as fit. Each has at least 16 readings, so it
         may be longer. None for the lengths above.
-    start
-        The state in which each trial begins, if it is known.
     within
         When a command changed is unknown where rows are farther apart than this, s; otherwise it
         is taken as the time of the row.
@@ -238,10 +193,7 @@ def log_windows(
         or the times of the rows are uncertain.
     """
     instance("log", log, SwimLog)
-    if flag("moving", moving) and start is not None:
-        raise InvalidArgumentError("moving must be False where start gives the state; got True")
-    if start is not None:
-        instance("start", start, Start)
+    flag("moving", moving)
     lead = LAG_SAMPLES if moving else 0
     log, remarks = restamped(log)
     windows: list[tuple[int, GyroReadings]] = []
@@ -271,9 +223,8 @@ def log_windows(
     windows = windows[: MOST_WINDOWS if moving and seconds is None else None]
     trial = np.array([index for index, _ in windows])
     first = np.array([readings.base for _, readings in windows])
-    at_rest = not moving and start is None
     # A trial at rest may have begun to move any time since the row that would have come before.
-    before = np.array([_before(log, index, within) if at_rest else 0.0 for index in trial])
+    before = np.array([0.0 if moving else _before(log, index, within) for index in trial])
     origin = log.time[first] - before
     # The simulation has no sample before its first step.
     parts = [
@@ -290,11 +241,6 @@ def log_windows(
     ]
     series = np.array([one for one, _ in performed])
     changes = Changes.of([unknown for _, unknown in performed])
-    if start is not None:
-        lead = LAG_SAMPLES
-        obeyed = np.broadcast_to(start.command, (len(series), lead, 3))
-        series = np.concatenate([obeyed, series], axis=1)
-        changes = None if changes is None else changes.after(lead)
     if not moving and not series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     if (gyro == gyro[:, :1]).all():
@@ -325,7 +271,6 @@ def log_windows(
         stride=max(1, int(LONGEST_READING_SECONDS / slowest + 1e-6)),
         ends=earlier[trial] + used,
         remarks=tuple(remarks),
-        start=start,
         changes=changes,
     )
 

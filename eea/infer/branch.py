@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from eea.infer.mixture import (
     answers,
     holding,
 )
-from eea.infer.statement import Hypothesis, Prior, RobotModel
+from eea.infer.statement import Hypothesis, Number, Prior, RobotModel
 from eea.infer.unknowns import FIXED_SLOT, Unknowns
 
 INTERVAL_SAMPLES = 4000  # for medians and intervals
@@ -52,14 +53,16 @@ class Branch:
         """Return a robot with the hypothesis as a fact, and with what the trials told as its prior.
 
         ``robot`` is that of the trials, or the same with other numbers of each trial. A number that
-        has changed no longer has its healthy value: the prior tells it.
+        has changed no longer has its healthy value: the prior tells it. One that the hypothesis
+        fixes keeps its value, whatever else may have changed later.
         """
         fixed = self.hypothesis.fixed
         moved = self.hypothesis.moves
         numbers = {
-            name: replace(number, healthy=None) if name in moved else number
+            name: _held(robot.table[name], fixed[name]) if name in fixed else number
             for name, number in robot.numbers.items()
         }
+        numbers |= {name: replace(numbers[name], healthy=None) for name in moved}
         return replace(
             robot,
             numbers=numbers,
@@ -140,6 +143,17 @@ def rivals(branches: Sequence[Branch]) -> dict[str, list[str]]:
         if branch.probability >= LEAST_WEIGHT and len(apart):
             found[branch.hypothesis.name] = [branch.parameters.robot.names[i] for i in apart]
     return found
+
+
+def _held(number: Number, value: float) -> Number:
+    """Return a number that has a value unless a hypothesis fixes or moves it."""
+    if number.sought:  # where no value is healthy, the prior tells it
+        return number if number.healthy is None else replace(number, healthy=value)
+    low = min(number.low, value)
+    high = max(number.high, value)
+    return replace(
+        number, low=low, high=high, mean=value, sd=math.inf, varies=False, group="", switch=True
+    )
 
 
 def mixed(

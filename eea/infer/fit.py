@@ -385,14 +385,9 @@ def infer(
             "simulator leaves; got one"
         )
     whole("seed", seed, 0, MAXIMUM_SEED)
-    config = RECORDED_CONFIG if config is None else config
-    instance("config", config, FitConfig)
-    if config.noise is not None:
-        raise ConfigurationError(
-            f"config must have noise=None: noise is given by channel; got {config.noise:g}"
-        )
+    config = recorded_config(config)
     observed = Observed.of(trials, robot)
-    _check_enough(robot, observed, config, noise is not None)
+    check_enough(robot, observed, config, noise is not None)
     counter = Simulations(robot, progress, config.evaluations, config.seconds, interruptible)
     robot = replace(robot, simulate=counter)
     try:
@@ -493,7 +488,18 @@ def _fitted(
     return posterior
 
 
-def _check_enough(
+def recorded_config(config: FitConfig | None) -> FitConfig:
+    """Return settings of a fit of recorded trials, without noise; None weighs all hypotheses."""
+    config = RECORDED_CONFIG if config is None else config
+    instance("config", config, FitConfig)
+    if config.noise is not None:
+        raise ConfigurationError(
+            f"config must have noise=None: noise is given by channel; got {config.noise:g}"
+        )
+    return config
+
+
+def check_enough(
     robot: RobotModel, observed: Observed, config: FitConfig, known_noise: bool
 ) -> None:
     """Raise a ConfigurationError if trials are too short, or a change has nowhere to start.

@@ -58,7 +58,17 @@ from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer
 from eea.infer.branch import LEAST_SD
 from eea.infer.descent import Fitted, descend
-from eea.infer.fit import carried_over, first_guess, infer, known_noise, noise_left, only_rounding
+from eea.infer.fit import (
+    carried_over,
+    check_enough,
+    first_guess,
+    fit,
+    infer,
+    known_noise,
+    noise_left,
+    only_rounding,
+    recorded_config,
+)
 from eea.infer.misfit import COARSE, FINE, Regression, Roughness
 from eea.infer.optima import Optima, improved
 from eea.infer.scan import hop, pose
@@ -234,12 +244,12 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
     flat[places] = UNIFORM_PRECISION
     found = []
     variances = []
-    for fit in fits:
-        regression = replace(fit.regression, parameters=parameters)
+    for known in fits:
+        regression = replace(known.regression, parameters=parameters)
         misfit = regression.misfit(FINE)
-        start = carried_over(fit, parameters)[:1]
-        theta = descend(misfit, start, fit.sigma, 40, 1e-6).theta
-        near = misfit.laplace(theta, misfit.linearise(theta), fit.sigma**-2)[0]
+        start = carried_over(known, parameters)[:1]
+        theta = descend(misfit, start, known.sigma, 40, 1e-6).theta
+        near = misfit.laplace(theta, misfit.linearise(theta), known.sigma**-2)[0]
         covariance = near.covariance(flat)
         # Not held by a bound, at which healthy numbers often are.
         found.append((near.theta - covariance @ near.gradient)[places])
@@ -295,18 +305,18 @@ class Known:
         """Return what an answer's most probable hypothesis tells; see :meth:`Answer.known`."""
         best = answer.branches[0]
         robot = answer.robot if robot is None else robot
-        names = [name for name in robot.names if best.parameters.has(name)]
+        inferred = [one for name, one in robot.table.items() if best.parameters.has(name)]
         return cls(
             best.known(robot),
             answer.noise,
             answer.sigma,
             answer.samples,
-            groups=frozenset(robot.table[name].group for name in names),
+            groups=frozenset(number.group for number in inferred if number.group),
         )
 
     def infer(
         self,
-        trials: Sequence[Trial],
+        trials: Sequence[Trial] | Observed,
         seed: int = 0,
         config: FitConfig | None = None,
         progress: Callable[[str], None] | None = None,
@@ -314,10 +324,25 @@ class Known:
         """Return what has changed since; see :func:`eea.infer.fit.infer`.
 
         Where the robot was learned from logs, a log counts as explained if these are explained as
-        badly. The findings here are the last of the answer.
+        badly. The findings here are the last of the answer. Numbers of a group that was not
+        inferred before are inferred if ``config`` names it.
         """
-        found = infer(self.robot, trials, seed, config, self.channel_noise, self.misfits, progress)
-        return replace(found, caveats=(*found.caveats, *self.findings))
+        rng = np.random.default_rng(_whole_seed(seed))
+        config = recorded_config(config)
+        if config.nuisances is None and self.groups is not None:
+            config = replace(config, nuisances=tuple(sorted(self.groups)))
+        observed = trials if isinstance(trials, Observed) else Observed.of(trials, self.robot)
+        check_enough(self.robot, observed, config, known_noise=True)
+        found = fit(
+            replace(observed, noise=self.noise),
+            self.robot,
+            replace(config, noise=self.sigma),
+            rng,
+            progress=progress,
+            usual=self.misfits,
+        )
+        caveats = (*found.caveats, *self.findings)
+        return replace(found, samples=self.samples, caveats=caveats)
 
     @own_errors
     def test(

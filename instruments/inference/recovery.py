@@ -18,10 +18,9 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.scenario import Scenario
-from eea import SwimLog, infer_log
+from eea import SwimLog, infer_changes, infer_log, known_body
 from eea.core.config import FitConfig
 from eea.fish.hypotheses import SERVO
-from eea.fish.windows import Start
 from eea.infer.answer import Answer
 from gait.controllers.agents import ControllerAgent
 from gait.swims.episode import transitions
@@ -36,15 +35,9 @@ ACTIONS, HOLD, DT = 25, 20, 0.2  # after the onset; steps of 0.01 s; s
 EARLIEST, LATEST = 75, 150  # actions before the onset
 NEAR_SIZE, NEAR_GAIN = 0.05, 0.05  # of a range, of a gain: a body that is right
 TOLERANCE = 0.02  # rad/s: as the agent's
-#: What is known -> whether the prior is, and the start.
-KNOWN = {
-    "nothing": (False, False),
-    "the start": (False, True),
-    "the body before": (True, False),
-    "both": (True, True),
-}
-RECOGNISE = "both, by recognise"
-SLOW = 8  # swims that are also inferred without the prior or the start
+NOTHING = "nothing"  # is known
+BODY = "the body before"
+RECOGNISE = "body and state before, by recognise"
 
 
 def measure_recovery(number: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -64,13 +57,11 @@ def measure_recovery(number: int, rng: np.random.Generator) -> dict[str, Any]:
         observed["gyro"][onset:],
         np.concatenate([after, after[-1:]]),
     )
-    start = Start.of_state(state, scale_action(actions[onset - 1]))
     found = {
-        name: _inferred(log, truth, noise, *known, start)
-        for name, known in KNOWN.items()
-        if all(known) or number < SLOW
+        NOTHING: _inferred(log, truth, noise, known=False),
+        BODY: _inferred(log, truth, noise, known=True),
+        RECOGNISE: _recognised(state, log.gyro[1:], actions[onset:], noise, truth),
     }
-    found[RECOGNISE] = _recognised(state, log.gyro[1:], actions[onset:], noise, truth)
     return {"damage": str(damage), "tier": tier, "noise": noise, "found": found}
 
 
@@ -98,30 +89,29 @@ def _swim(damage: Damage, noise: float, onset: int, seed: int) -> tuple[Floats, 
     return actions, {"fin_angles": fins, "gyro": gyro}
 
 
-def _inferred(
-    log: SwimLog, truth: Scenario, noise: float, prior: bool, known: bool, start: Start
-) -> dict[str, Any]:
-    """Return what ``infer_log`` finds; the water and the sensor are known to be as modelled."""
+def _inferred(log: SwimLog, truth: Scenario, noise: float, known: bool) -> dict[str, Any]:
+    """Return what is inferred, and whether ``known`` is the body before the fault.
+
+    The water and the sensor are known to be as modelled.
+    """
+    noise = max(noise, LEAST_NOISE)
     began = time.process_time()
-    result = infer_log(
-        log,
-        FitConfig(nuisances=(), noise=max(noise, LEAST_NOISE)),
-        truth=truth.body[0],
-        moving=not known,
-        prior=Morphology.nominal() if prior else None,
-        start=start if known else None,
-        threads=1,
-    )
+    if known:
+        before = known_body(Morphology.nominal(), noise, nuisances=())
+        belief = infer_changes(log, before, threads=1)
+    else:
+        config = FitConfig(nuisances=(), noise=noise)
+        found = infer_log(log, config, moving=True, threads=1).belief
+        assert isinstance(found, Answer)
+        belief = found
     seconds = time.process_time() - began
-    belief = result.belief
-    assert isinstance(belief, Answer)
     best, table = belief.branches[0].hypothesis, belief.table()
     gains = [
         table[SERVO[fin]][0] if SERVO[fin] in table else best.fixed.get(SERVO[fin], 1.0)
         for fin in FINS
     ]
-    named = [word in best.name for word in FIN_WORDS.values()] if prior else None
-    return _judged(result.model, np.array(gains), truth, seconds, named)
+    named = [word in best.name for word in FIN_WORDS.values()] if known else None
+    return _judged(belief.model, np.array(gains), truth, seconds, named)
 
 
 def _recognised(

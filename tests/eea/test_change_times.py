@@ -10,8 +10,8 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.scenario import Scenario
 from eea import SwimLog, check_log, infer_log, load_posterior, save_posterior, watch_swim
+from eea.fish.known import known_body
 from eea.fish.log_changes import LogChange
-from eea.fish.prior import known_body
 from eea.fish.windows import MOST_UNKNOWN_CHANGES, log_windows
 
 BODY = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())

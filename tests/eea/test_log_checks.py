@@ -141,8 +141,3 @@ def test_an_estimate_prints_its_verdict_its_sizes_and_what_broke():
     assert lines[1].split() == ["in", "units", "of", "5", "cm", "found", "90%", "interval"]
     assert lines[3].split()[0] == "left_pectoral.length"
     assert lines[-1] == "compared with the undamaged fish, the left flipper has 50% of its length"
-
-
-def test_a_check_belongs_to_a_log_of_which_nothing_is_known():
-    with pytest.raises(ValueError, match="check must be False where prior or start is given"):
-        infer_log(swim(), prior=Morphology.nominal(), check=True)

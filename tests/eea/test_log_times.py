@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import FitConfig, SwimLog, infer_log, watch_swim
-from eea.fish.prior import known_body
+from eea.fish.known import known_body
 from eea.fish.swim_log import new_readings, restamped
 from eea.fish.windows import log_windows
 from eea.logs.stamps import bunches_of

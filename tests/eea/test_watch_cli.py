@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology
-from eea import SwimLog, infer_log, load_posterior, read_log, save_posterior, watch_swim, write_log
+from eea import (
+    SwimLog,
+    infer_changes,
+    infer_log,
+    load_posterior,
+    read_log,
+    save_posterior,
+    watch_swim,
+    write_log,
+)
 from eea.__main__ import main
 from eea.core.config import FitConfig
 from eea.fish import known_body
@@ -113,11 +122,11 @@ def test_a_posterior_of_another_robot_is_refused() -> None:
     log, other = swim(5, 200), infer_swing().belief
     with pytest.raises(ValueError, match="belief must be a posterior of this fish, with left_pec"):
         watch_swim(log, other)
-    with pytest.raises(ValueError, match="prior must be a posterior of this fish"):
-        infer_log(log, prior=other, moving=True)
+    with pytest.raises(ValueError, match="belief must be a posterior of this fish"):
+        infer_changes(log, other)
     silent = replace(load_nominal(), sigma=-1.0)
-    with pytest.raises(ValueError, match="prior must be a posterior: its sigma"):
-        infer_log(log, FitConfig(noise=0.01), prior=silent, moving=True)
+    with pytest.raises(ValueError, match="belief must be a posterior: its sigma"):
+        infer_changes(log, silent)
 
 
 def load_nominal() -> Answer:

@@ -21,7 +21,6 @@ from eea import (
     EngineTarget,
     JointConfig,
     RealityGap,
-    Start,
     SwimLog,
     Trials,
     check_log,
@@ -29,6 +28,7 @@ from eea import (
     estimate_morphology_of,
     fins_after,
     fish_eea,
+    infer_changes,
     infer_log,
     known_body,
     load_posterior,
@@ -103,14 +103,6 @@ ROWS = [
         options(gyro_noise="fraction", reactive="true", lag="fraction"),
     ),
     Call(
-        Start,
-        {
-            "fin_angles": np.zeros(3), "velocity": np.zeros(3), "spin": np.zeros(3),
-            "command": np.zeros(3),
-        },
-    ),
-    Call(Start.of_state, {"state": np.eye(25)[3], "command": np.zeros(3)}),
-    Call(
         SwimLog,
         {
             "time": LOG.time, "gyro": LOG.gyro, "commands": LOG.commands, "trial": LOG.trial,
@@ -159,13 +151,21 @@ ROWS = [
         infer_log,
         {
             "log": LOG, "joint": FitConfig(**FIT), "seed": 0, "truth": BODY, "moving": False,
-            "prior": BODY, "start": Start(np.zeros(3)), "check": False, "progress": listen, **WORLD,
+            "check": False, "progress": listen, **WORLD,
         },
         options(
-            truth=NO_BODY, prior=NO_BODY, moving="true", progress=f"none, {CALLABLE}",
-            joint="none", start="none", threads="none", dtype="none",
+            truth=NO_BODY, moving="true", progress=f"none, {CALLABLE}", joint="none",
+            threads="none", dtype="none",
         ),
-        {"truth": "morpholog", "prior": "morpholog"},
+        {"truth": "morpholog"},
+    ),
+    Call(
+        infer_changes,
+        {
+            "log": LOG, "belief": BELIEF, "joint": FitConfig(**{**FIT, "noise": None}), "seed": 0,
+            "progress": listen, **WORLD,
+        },
+        options(progress=f"none, {CALLABLE}", joint="none", threads="none", dtype="none"),
     ),
     Call(
         check_log,

@@ -93,6 +93,39 @@ def test_a_number_that_has_changed_stays_changed():
     assert not known.test(measured(np.random.default_rng(10))).same
 
 
+def test_what_a_hypothesis_fixes_stays_fixed_while_another_number_changes():
+    """Of a number that was healthy, of a switch, and of one with a prior."""
+    stuck = Hypothesis("it is stuck", fixed={"gain": 0.4, "valve": 0.0, "bias": 0.9}, odds=0.1)
+    drags = Hypothesis("it drags", moves={"drag": Number(0.0, sd=0.5)}, odds=0.1)
+    robot = Robot(
+        lambda values, wave: (
+            (values["gain"] * (1.0 + values["valve"]))[:, None] * wave
+            + values["drag"][:, None] * np.cos(3.0 * wave)
+            + values["bias"][:, None]
+        )[:, :, None],
+        {
+            "gain": Number(0.0, 2.0, healthy=1.0),
+            "drag": Number(0.0, 2.0, healthy=1.0),
+            "valve": Number(0.0, 1.0, mean=1.0, switch=True),
+            "bias": Number(0.0, sd=0.1),
+        },
+        {"force": "N"},
+        hypotheses=[stuck, drags],
+    )
+    wave = np.sin(0.3 * np.arange(60))
+    noise = np.random.default_rng(0).normal(0.0, 0.1, (2, 60))
+    before, later = (
+        Trial((0.4 * wave + drag * np.cos(3.0 * wave) + 0.9 + one)[:, None], wave)
+        for drag, one in zip((1.0, 1.6), noise, strict=True)
+    )
+    found = robot.infer([before], noise={"force": 0.1})
+    assert found.probability("it is stuck") > 0.99
+    again = found.known().infer([later])
+    assert again.good
+    assert again.probability("it drags") > 0.99
+    assert again.broken("drag")[0] == pytest.approx(1.6, abs=0.1)
+
+
 def test_an_answer_that_no_robot_explains_or_two_explain_is_not_known():
     bad = SOUGHT.infer([measured(np.random.default_rng(0), sd=(0.0, 0.0)),
                         measured(np.random.default_rng(0), sd=(0.0, 0.0), gain=1.7)],

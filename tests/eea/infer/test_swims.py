@@ -16,8 +16,8 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.log_inference import infer_log, watch_swim
-from eea.fish.prior import UNCHANGED_NAME, known_body
+from eea.fish.known import UNCHANGED, infer_changes, known_body, watch_swim
+from eea.fish.log_inference import infer_log
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import LAG_SAMPLES, log_windows
 
@@ -153,15 +153,14 @@ def test_a_log_that_does_not_tell_its_noise_is_refused_after_trials_without(
     with pytest.raises(InvalidArgumentError, match="belief must know the gyroscope's noise"):
         watch_swim(sparse, exact.belief)  # type: ignore[arg-type]
     with pytest.raises(InvalidArgumentError, match=r"infer with FitConfig\(noise=0.01\)"):
-        infer_log(sparse, prior=exact.belief, moving=True)  # type: ignore[arg-type]
+        infer_changes(sparse, exact.belief)  # type: ignore[arg-type]
 
 
 def test_nothing_has_changed_since_trials_without_noise(exact: MorphologyEstimate) -> None:
     log = swim(9, LAG_SAMPLES + 2 * SECOND)
-    found = infer_log(log, prior=exact.belief, moving=True, threads=1)  # type: ignore[arg-type]
-    assert found.belief is not None
-    assert found.belief.good
-    assert found.belief.branches[0].hypothesis.name == UNCHANGED_NAME
+    found = infer_changes(log, exact.belief, threads=1)  # type: ignore[arg-type]
+    assert found.good
+    assert found.branches[0].hypothesis.name == UNCHANGED.name
 
 
 def test_a_wrong_valley_of_the_initial_state_is_no_change() -> None:
