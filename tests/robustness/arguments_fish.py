@@ -154,8 +154,8 @@ ROWS = [
             "check": False, "progress": listen, **WORLD,
         },
         options(
-            truth=NO_BODY, moving="true", progress=f"none, {CALLABLE}", joint="none",
-            threads="none", dtype="none",
+            truth=NO_BODY, moving="true", check="true", progress=f"none, {CALLABLE}",
+            joint="none", threads="none", dtype="none",
         ),
         {"truth": "morpholog"},
     ),
