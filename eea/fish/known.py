@@ -175,7 +175,7 @@ def _known(belief: Answer, windows: LogWindows, simulator: SimulatorOptions) -> 
         nominal=UNCHANGED,
         discrepancy=None,
     )
-    return belief.known(robot)
+    return Known.of(belief, robot)
 
 
 @own_errors
@@ -219,8 +219,9 @@ def infer_changes(
     Raises
     ------
     ConfigurationError, InvalidArgumentError
-        If an argument is wrong, ``belief`` is no posterior of this fish, a trial is too short, no
-        servo moves, or the noise is unknown, as in ``watch_swim``.
+        If an argument is wrong, ``belief`` is no posterior of this fish, or not one that one body
+        explains, a trial is too short, no servo moves, or the noise is unknown, as in
+        ``watch_swim``.
 
     Examples
     --------
@@ -237,6 +238,7 @@ def infer_changes(
             f"joint must have noise=None, for the noise is that of belief; got {config.noise:g}"
         )
     windows, finer, belief = _compared(log, belief, None)
+    belief.known()  # raises where no body, or more than one, explains its trials
     if finer.unknown() > windows.unknown():
         quick = replace(config, alternatives="never", restarts=0)
         known = _known(belief, windows, simulator)
