@@ -25,7 +25,7 @@ from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.infer.answer import Answer, WarmStart
 from eea.infer.branch import Branch
-from eea.infer.goodness import LEAST_RELATIVE_RMS, beside_rounding, of_rough_simulator
+from eea.infer.goodness import beside_rounding, of_rough_simulator
 from eea.infer.misfit import FINE, LEAST_RELATIVE_SIGMA, Regression
 from eea.infer.mixture import Mixture
 from eea.infer.optima import Optima, as_they_are, improved
@@ -537,19 +537,6 @@ def noise_left(optima: Sequence[Optima]) -> Noise:
         loudest.append(np.abs(observed.signal).max(axis=(0, 1)))
     least = LEAST_RELATIVE_SIGMA * np.maximum(np.max(loudest, axis=0), 1e-12)
     return noise_of(left, there, sum(map(_determined, optima)), least)
-
-
-def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[str]:
-    """Return a sentence on each channel whose noise is only rounding beside its signal."""
-    loudest = np.abs(observed.signal).max(axis=(0, 1))
-    return [
-        f"the noise of {name}, {sd:.1g} {unit}, is only rounding: by it any noise in a log counts "
-        "as a change"
-        for (name, unit), sd, most in zip(
-            robot.channel_units.items(), noise.sd, loudest, strict=True
-        )
-        if sd < LEAST_RELATIVE_RMS * most
-    ]
 
 
 def _determined(optima: Optima) -> float:

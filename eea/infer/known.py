@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from scipy.stats import chi2, f
 
 from eea.core.angles import Floats
@@ -66,7 +66,6 @@ from eea.infer.fit import (
     infer,
     known_noise,
     noise_left,
-    only_rounding,
     recorded_config,
 )
 from eea.infer.misfit import COARSE, FINE, Regression, Roughness
@@ -75,7 +74,14 @@ from eea.infer.scan import hop, pose
 from eea.infer.statement import Prior, RobotModel
 from eea.infer.trials import Noise, Observed, Trial
 from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns
-from eea.infer.words import BOUND_DISTANCE, at_end, at_ends, several
+from eea.infer.words import (
+    ALARM_FINDING,
+    at_bounds,
+    at_ends,
+    contradicted,
+    only_rounding,
+    several,
+)
 
 NORMAL_95 = 1.6448536269514722
 
@@ -151,6 +157,24 @@ def check_alarm(alarm: float) -> None:
     real("alarm", alarm, LEAST_FALSE_ALARM_PROBABILITY, 1.0)
 
 
+def window_of(
+    robot: RobotModel,
+    log: Trial | Observed,
+    noise: Noise | None,
+    sigma: float = 1.0,
+    groups: Collection[str] | None = None,
+    roughness: Roughness | None = None,
+) -> Regression:
+    """Return a log of a robot, to be fitted near its prior; ``groups`` None are all."""
+    robot = replace(robot, hypotheses=())
+    if isinstance(log, Trial):
+        log = Observed.of([log], robot)
+    instance("log", log, Observed)
+    finite("signal", log.signal, (1, None, len(robot.channels)))
+    parameters = Unknowns.of(robot, 1, robot.groups if groups is None else groups)
+    return Regression(parameters, replace(log, noise=noise), sigma, roughness=roughness)
+
+
 def test_near_prior(
     window: Regression,
     sigma: float,
@@ -163,22 +187,22 @@ def test_near_prior(
     ``sigma`` is the noise's standard deviation, estimated from a number of ``samples``, 0 where it
     is known.
     """
-    angles = len(window.parameters.angle_entries(0))
-    freedom = max(window.observed.size - angles, 1)
     best: Fitted | None = None
     for effort in START_COUNTS:
         found = fit_near_prior(window, sigma, effort, rng)
         best = found if best is None or found.cost[0] < best.cost[0] else best
-        verdict = _judged(float(best.cost[0]), freedom, samples, alarm)
+        verdict = judged(window, float(best.cost[0]), samples, alarm)
         if verdict.p >= max(EXAMINED_P_VALUE, alarm):
             return verdict
     if verdict.same or best is None:
         return verdict
-    return _judged(_cost_elsewhere(window, best, sigma, rng), freedom, samples, alarm)
+    return judged(window, _cost_elsewhere(window, best, sigma, rng), samples, alarm)
 
 
-def _judged(cost: float, freedom: int, samples: int, alarm: float) -> Verdict:
+def judged(window: Regression, cost: float, samples: int, alarm: float) -> Verdict:
     """Return the verdict on a trial whose best fit has a cost."""
+    angles = len(window.parameters.angle_entries(0))
+    freedom = max(window.observed.size - angles, 1)
     ratio = 2.0 * cost / freedom
     p = float(f.sf(ratio, freedom, samples) if samples else chi2.sf(ratio * freedom, freedom))
     return Verdict(p, p >= alarm, ratio)
@@ -218,8 +242,10 @@ def fit_near_prior(
     return fits.of([int(fits.cost.argmin())])
 
 
-def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection[str]) -> list[str]:
-    """Return a sentence on each ``healthy`` value that known-good logs do not have.
+def contradictions(
+    robot: RobotModel, fits: Sequence[Optima], groups: Collection[str]
+) -> dict[str, tuple[float, float, float]]:
+    """Return the value and the 90% interval of each number that is not ``healthy`` in good logs.
 
     The best fit of each log descends on with these numbers free. Their shifts, averaged
     over the logs, are tested for being zero at the rate of false alarms for all numbers together
@@ -236,7 +262,7 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         The nuisances that were inferred.
     """
     if not robot.healthy:
-        return []
+        return {}
     places = [robot.sought.index(name) for name in robot.healthy]
     free = robot.without_healthy()
     parameters = Unknowns.of(free, 1, groups, free.nominal)
@@ -254,7 +280,7 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         # Not held by a bound, at which healthy numbers often are.
         found.append((near.theta - covariance @ near.gradient)[places])
         variances.append(np.diag(covariance)[places])
-    said = []
+    table = {}
     for k, (name, stated) in enumerate(robot.healthy.items()):
         low = robot.table[name].low
         high = robot.table[name].high
@@ -269,12 +295,8 @@ def contradictions(robot: RobotModel, fits: Sequence[Optima], groups: Collection
         if p * len(robot.healthy) < FALSE_ALARM_RATE:
             value = low + (high - low) * mean
             reach = (high - low) * NORMAL_95 * sd
-            said.append(
-                f"the known-good logs contradict healthy: {name} is "
-                f"{robot.with_unit(name, value)} in them, {value - reach:.3g} to "
-                f"{value + reach:.3g}, and not {stated:g}"
-            )
-    return said
+            table[name] = (value, value - reach, value + reach)
+    return table
 
 
 LEARNING_CONFIG = FitConfig(
@@ -375,16 +397,7 @@ class Known:
             return Verdict(p, p >= alarm, _misfit(fitted.best_fit) / usual)
         stream = isinstance(seed, np.random.Generator)
         rng = np.random.default_rng(seed if stream else _whole_seed(seed))
-        robot = replace(self.robot, hypotheses=())
-        groups = robot.groups if self.groups is None else self.groups
-        one = Unknowns.of(robot, 1, groups)
-        if isinstance(log, Trial):
-            log = Observed.of([log], robot)
-        instance("log", log, Observed)
-        observed = log
-        finite("signal", observed.signal, (1, None, len(robot.channels)))
-        observed = replace(observed, noise=self.noise)
-        window = Regression(one, observed, self.sigma)
+        window = window_of(self.robot, log, self.noise, self.sigma, self.groups)
         return test_near_prior(window, self.sigma, self.samples, alarm, rng)
 
     def follow(
@@ -394,8 +407,7 @@ class Known:
         seed: int = 0,
     ) -> Follower:
         """Return what follows the numbers from here through a log; see :class:`Follower`."""
-        robot = replace(self.robot, prior=None)
-        return Follower(robot, self.channel_noise, alarm, drift, seed, self.robot.prior)
+        return Follower(self.robot, self.channel_noise, alarm, drift, seed)
 
     @property
     def channel_noise(self) -> Noise:
@@ -492,7 +504,7 @@ def learn(
     fits = _fit_each(whole, known_good, effort, noise, seed, before)
     misfits = np.array([_misfit(one.optima) for one in fits])
     said = _of_each_alone(plain, known_good, effort, noise, seed)
-    said += contradictions(whole, [one.optima for one in fits], groups)
+    said += contradicted(whole, contradictions(whole, [one.optima for one in fits], groups))
     said += only_rounding(noise, observed, robot)
     return Known(replace(robot, prior=later), noise, misfits=misfits, findings=tuple(said))
 
@@ -606,7 +618,6 @@ def _misfit(optima: Optima) -> float:
 
 
 ANGLE_STARTS = 64  # random initial states of a window, where there are hidden angles
-ALARM_FINDING = "something has changed; the next window tells what"
 NAMING_CONFIG = FitConfig(
     alternatives="always", bodies=16, poses=16, descents=4, polished=2, restarts=0
 )
@@ -648,7 +659,8 @@ class Follower:
     Parameters
     ----------
     robot
-        The robot. No number states what is ``healthy``: the log tells the numbers.
+        The robot. No number states what is ``healthy``: the log tells the numbers. Its ``prior``,
+        if it has one, is what is known before the first window.
     noise
         The standard deviation of each channel's noise, by name, or the ``noise`` of a posterior.
     alarm
@@ -658,8 +670,6 @@ class Follower:
         its unit. Without it the intervals shrink forever, and a slow change raises the alarm.
     seed
         Of random starting points.
-    known
-        What is known before the first window; None for the ranges.
 
     Raises
     ------
@@ -695,7 +705,6 @@ class Follower:
         alarm: float = FALSE_ALARM_RATE,
         drift: Mapping[str, float] | None = None,
         seed: int = 0,
-        known: Prior | None = None,
     ) -> None:
         instance("robot", robot, RobotModel)
         check_alarm(alarm)
@@ -713,7 +722,7 @@ class Follower:
         self._known: Prior | None = None
         self._doubted = False  # whether the window before raised an alarm
         self._roughness: Roughness | None = None  # of the simulator
-        plain = Unknowns.of(replace(robot, hypotheses=(), prior=None), 1, robot.groups)
+        plain = Unknowns.of(replace(robot, hypotheses=()), 1, robot.groups)
         self._names = [plain.names[i] for i in plain.common_entries()]
         drift = {} if drift is None else drift
         mapping("drift", drift, numbers.Real)
@@ -723,8 +732,8 @@ class Follower:
         steps = [drift.get(name, 0.0) for name in self._names]
         spans = [high - low for low, high in map(self._ends, self._names)]
         self._wander = np.diag((np.array(steps) / np.array(spans)) ** 2)
-        if known is not None:
-            self._known = self._begun(known)
+        if robot.prior is not None and plain.prior_precision[self._entries(plain)].all():
+            self._known = self._ignorance()
 
     @own_errors
     def update(self, window: Trial) -> Followed:
@@ -742,22 +751,21 @@ class Follower:
             return self._first(window)
         known = self._known
         known = replace(known, covariance=known.covariance + self._wander)
-        regression = self._regression(window, known)
+        robot = replace(self._robot, prior=known)
+        regression = window_of(robot, window, self._noise, roughness=self._roughness)
         parameters = regression.parameters
         if self._robot.angles:
             best = fit_near_prior(regression, 1.0, ANGLE_STARTS, self._rng)
         else:
             typical = parameters.into_bounds(parameters.prior_mean[None])
             best = descend(regression.misfit(FINE), typical, 1.0, 20, 1e-4)
-        angles = int((parameters.prior_precision == 0.0).sum())
-        freedom = max(regression.observed.size - angles, 1)
-        p = float(chdtrc(freedom, 2.0 * float(best.cost[0])))
+        p = judged(regression, float(best.cost[0]), 0, self._alarm).p
         innovation = self._innovation(regression, best.theta[0])
         if p >= self._alarm:
             self._doubted = False
             self._known = self._after(regression, best.theta[0], known)
-            ends = self._at_ends(regression.parameters, best.theta[0])
-            return Followed(self.table(), innovation, p, False, ends)
+            ends = at_bounds(parameters, best.theta[0], self._entries(parameters).tolist())
+            return Followed(self.table(), innovation, p, False, tuple(ends))
         self._known = known
         rounding = only_rounding(self._noise, regression.observed, self._robot)
         if not self._doubted:
@@ -796,25 +804,12 @@ class Follower:
         return number.low, number.high
 
     def _ignorance(self) -> Prior:
-        """Return what is known before the first window: the ranges and the numbers' own priors."""
+        """Return what is known before the first window: the prior, or ranges and numbers' own."""
         plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._robot.groups)
         entries = self._entries(plain)
         precision = plain.proper_prior[np.ix_(entries, entries)]
         covariance = np.asarray(np.linalg.inv(precision), np.float64)
         return Prior(tuple(self._names), plain.prior_mean[entries], covariance)
-
-    def _begun(self, known: Prior) -> Prior:
-        """Return what is known of the numbers that are followed; of others, what the ranges say."""
-        plain = self._ignorance()
-        mean = plain.mean.copy()
-        covariance = plain.covariance.copy()
-        here = [i for i, name in enumerate(self._names) if name in known.names]
-        there = [known.names.index(self._names[i]) for i in here]
-        mean[here] = known.mean[there]
-        covariance[here] = 0.0
-        covariance[:, here] = 0.0
-        covariance[np.ix_(here, here)] = known.covariance[np.ix_(there, there)]
-        return Prior(plain.names, mean, covariance)
 
     def _first(self, window: Trial) -> Followed:
         """Return what is known after the first window, which is searched as any trial is.
@@ -836,24 +831,9 @@ class Follower:
         said = (*found.findings, *(rounding if alarm else ()))
         return Followed(self.table(), None, p, alarm, said, not alarm)
 
-    def _regression(self, window: Trial, known: Prior) -> Regression:
-        robot = replace(self._robot, hypotheses=(), prior=known)
-        parameters = Unknowns.of(robot, 1, robot.groups)
-        observed = replace(Observed.of([window], robot), noise=self._noise)
-        return Regression(parameters, observed, 1.0, roughness=self._roughness)
-
     def _entries(self, parameters: Unknowns) -> NDArray[np.intp]:
         """Return which entries are the numbers that are followed."""
         return np.array([parameters.names.index(name) for name in self._names], dtype=np.intp)
-
-    def _at_ends(self, parameters: Unknowns, theta: Floats) -> tuple[str, ...]:
-        """Return a sentence on each number that a window's best fit has at an end of its range."""
-        return tuple(
-            at_end(parameters, entry, float(bound))
-            for entry in self._entries(parameters).tolist()
-            for bound in (parameters.low[entry], parameters.high[entry])
-            if abs(theta[entry] - bound) < BOUND_DISTANCE
-        )
 
     def _innovation(self, regression: Regression, theta: Floats) -> Floats:
         """Return what the numbers known before leave, if the window's own numbers are fitted."""

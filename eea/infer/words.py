@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.infer.branch import Branch, rivals
 from eea.infer.design import moved_alone, would_not_show
-from eea.infer.goodness import LOUD_JITTER
+from eea.infer.goodness import LEAST_RELATIVE_RMS, LOUD_JITTER
 from eea.infer.mixture import Mixture
 from eea.infer.optima import Optima
 from eea.infer.recorder import Recorded
 from eea.infer.statement import TURNS, Hypothesis, RobotModel
+from eea.infer.trials import Noise, Observed
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 
 SENTENCE_MASS = 0.9  # of the intervals in sentences
@@ -516,3 +517,38 @@ def _several(posterior: Mixture, sizes: Sequence[_Size]) -> list[str]:
         told = " and ".join(f"{size.name} {size.stated(value)}" for size, value in values)
         described.append(f"{weight:.0%} {told}")
     return [f"{len(robots)} bodies explain it: " + ", or ".join(described)]
+
+
+ALARM_FINDING = "something has changed; the next window tells what"
+
+
+def at_bounds(parameters: Unknowns, theta: Floats, entries: Sequence[int]) -> list[str]:
+    """Return a sentence on each of some entries that a best fit (P,) has at an end of its range."""
+    return [
+        at_end(parameters, entry, float(bound))
+        for entry in entries
+        for bound in (parameters.low[entry], parameters.high[entry])
+        if abs(theta[entry] - bound) < BOUND_DISTANCE
+    ]
+
+
+def contradicted(robot: RobotModel, found: Mapping[str, tuple[float, float, float]]) -> list[str]:
+    """Return a sentence on each ``healthy`` number that known-good logs found elsewhere."""
+    return [
+        f"the known-good logs contradict healthy: {name} is {robot.with_unit(name, value)} in "
+        f"them, {low:.3g} to {high:.3g}, and not {robot.healthy[name]:g}"
+        for name, (value, low, high) in found.items()
+    ]
+
+
+def only_rounding(noise: Noise, observed: Observed, robot: RobotModel) -> list[str]:
+    """Return a sentence on each channel whose noise is only rounding beside its signal."""
+    loudest = np.abs(observed.signal).max(axis=(0, 1))
+    return [
+        f"the noise of {name}, {sd:.1g} {unit}, is only rounding: by it any noise in a log counts "
+        "as a change"
+        for (name, unit), sd, most in zip(
+            robot.channel_units.items(), noise.sd, loudest, strict=True
+        )
+        if sd < LEAST_RELATIVE_RMS * most
+    ]

@@ -7,7 +7,7 @@ import pytest
 
 from eea import Hypothesis, Number, Robot, Trial
 from eea.core.checks import ConfigurationError
-from eea.infer.known import ALARM_FINDING
+from eea.infer.words import ALARM_FINDING
 
 NOISE = {"force": 0.1}
 FEELS = {"force": "N"}

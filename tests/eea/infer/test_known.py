@@ -126,6 +126,29 @@ def test_what_a_hypothesis_fixes_stays_fixed_while_another_number_changes():
     assert again.broken("drag")[0] == pytest.approx(1.6, abs=0.1)
 
 
+def test_a_switch_that_has_moved_is_followed_from_there():
+    robot = Robot(
+        lambda values, wave: (
+            values["gain"][:, None] * wave + values["valve"][:, None] * np.cos(3.0 * wave)
+        )[:, :, None],
+        {"gain": Number(0.0, 2.0), "valve": Number(0.0, 1.0, mean=1.0, switch=True)},
+        {"force": "N"},
+        hypotheses=[Hypothesis("the valve is half open", moves={"valve": Number(0.0)}, odds=0.1)],
+    )
+    wave = np.sin(0.3 * np.arange(60))
+    rng = np.random.default_rng(0)
+
+    def felt():
+        signal = 0.7 * wave + 0.5 * np.cos(3.0 * wave) + rng.normal(0.0, 0.1, 60)
+        return Trial(signal[:, None], wave)
+
+    follower = robot.infer([felt()], noise={"force": 0.1}).known().follow()
+    for _ in range(3):
+        followed = follower.update(felt())
+        assert not followed.alarm
+    assert followed.table["valve"][0] == pytest.approx(0.5, abs=0.05)
+
+
 def test_an_answer_that_no_robot_explains_or_two_explain_is_not_known():
     bad = SOUGHT.infer([measured(np.random.default_rng(0), sd=(0.0, 0.0)),
                         measured(np.random.default_rng(0), sd=(0.0, 0.0), gain=1.7)],
