@@ -205,7 +205,8 @@ def fit(
     dropped = (start.dropped | hopeless) - {robot.nominal.name}
     goodness = optima[branches[0].hypothesis.name].goodness
     if roughness is not None:
-        goodness = of_rough_simulator(goodness, roughness.jitter)
+        too_wide = [robot.names[slot] for slot in sorted(roughness.too_wide)]
+        goodness = of_rough_simulator(goodness, roughness.jitter, too_wide)
     if own:
         counter.release()
     return Answer(

@@ -153,11 +153,18 @@ LOUD_JITTER = 0.1  # of the noise: of more, intervals may be too narrow
 TOO_LOUD_JITTER = 1.0  # of the noise: of more, they are; kinks and strong bends look like less
 
 
-def of_rough_simulator(goodness: Goodness, jitter: float) -> Goodness:
+def of_rough_simulator(goodness: Goodness, jitter: float, too_wide: Sequence[str] = ()) -> Goodness:
     """Return the goodness of a fit whose simulator is rough by a share of the noise.
 
-    Errors of a solver are alike in all samples, and do not average out as noise does.
+    Errors of a solver are alike in all samples, and do not average out as noise does. The ranges of
+    some numbers may be ``too_wide`` for derivatives.
     """
+    if goodness.good and too_wide:
+        words = (
+            f"the log tells {' and '.join(too_wide)} to a millionth of the range, within which the "
+            "simulator is not smooth: state a narrower range, or the logarithm"
+        )
+        return replace(goodness, good=False, verdict=words)
     if not goodness.good or jitter <= TOO_LOUD_JITTER:
         return goodness
     words = (

@@ -45,6 +45,8 @@ class Roughness:
     widths: Floats  #: (W,), the width of a plateau, as a share of the range; 0 where there is none.
     jitter: float = 0.0  #: Standard deviation of a sample's roughness, over that of its noise.
     unrepeated: float = 0.0  #: That of two signals of the same values; 0 if they are the same.
+    #: Slots that are told within a step of the usual derivatives, where the signal is not smooth.
+    too_wide: frozenset[int] = frozenset()
 
     @property
     def smooth(self) -> bool:
@@ -59,6 +61,7 @@ class Roughness:
             np.maximum(self.widths, other.widths),
             max(self.jitter, other.jitter),
             max(self.unrepeated, other.unrepeated),
+            self.too_wide | other.too_wide,
         )
 
 

@@ -112,11 +112,12 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
     usual = {slot: slopes[:, f].ravel() for f, slot in enumerate(misfit.free)}
     loud = SHARE_OF_SIGNAL * regression.loudness * near.scale
     tried = []
+    too_wide = set()
+    shortest = 2.0 * FINE.difference
     for slot in slots:
         sd = float(np.sqrt(variances[near.entries(slot)].max()))
         change = max(float(np.linalg.norm(usual[slot])), 1e-300)
-        least = 2.0 * FINE.difference
-        tried.append(max(min(SDS_OF_STEP * sd, LARGEST_STEP, loud / change), least))
+        tried.append(max(min(SDS_OF_STEP * sd, LARGEST_STEP, loud / change), shortest))
     lines = [near.line(slot, step) for slot, step in zip(slots, tried, strict=True)]
     signals = near.signals(np.concatenate([theta[None], *lines]))
     unrepeated = rms(signals[0] - linear.residuals[0].ravel() * near.scale) / 2.0**0.5
@@ -134,6 +135,8 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
             if found is not None:
                 widths[slot] = found[1] - found[0]
                 continue
+        if step == shortest:
+            too_wide.add(int(slot))
         fourth = float(np.linalg.norm(np.diff(line, 4, axis=0)))
         unit = (70.0 * slope.size) ** 0.5
         rough = near.rough_step(slot, step, fourth)
@@ -142,7 +145,7 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
         if rough is not None or step < LARGEST_STEP:  # a number that is known, within its sds
             jitter = max(jitter, fourth / unit)
     unrepeated = unrepeated if unrepeated > REPEATED_SHARE else 0.0
-    return Roughness(looked, steps, widths, jitter, unrepeated)
+    return Roughness(looked, steps, widths, jitter, unrepeated, frozenset(too_wide))
 
 
 def rms(signal: Floats) -> float:

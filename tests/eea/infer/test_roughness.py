@@ -150,3 +150,18 @@ def test_a_number_at_an_end_of_its_range_is_named(ends):
 
 def test_a_number_within_its_range_is_not_at_its_end():
     assert not any("end of its range" in words for words in found_with(fall).findings)
+
+
+@pytest.mark.parametrize(("size", "good"), [(1e-3, False), (1.0, False), (1e3, True)])
+def test_a_number_over_decades_asks_for_its_logarithm(size, good):
+    def level(values, _):
+        return np.tile(np.log(values["k"])[:, None, None], (1, 80, 1))
+
+    robot = Robot(level, {"k": Number(1e-6, 1e6)}, {"level": "dB"})
+    noise = np.random.default_rng(0).normal(0.0, 0.1, (80, 1))
+    found = robot.infer([Trial(np.log(size) + noise)])
+    assert found.good == good
+    asked = (
+        "the log tells k to a millionth of the range" in found.findings[0] if not good else False
+    )
+    assert asked != good
