@@ -161,7 +161,4 @@ def test_a_number_over_decades_asks_for_its_logarithm(size, good):
     noise = np.random.default_rng(0).normal(0.0, 0.1, (80, 1))
     found = robot.infer([Trial(np.log(size) + noise)])
     assert found.good == good
-    asked = (
-        "the log tells k to a millionth of the range" in found.findings[0] if not good else False
-    )
-    assert asked != good
+    assert good == ("the log tells k to a millionth of the range" not in found.verdict)
