@@ -76,7 +76,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = ("clock too fast", "early")  # each case takes seconds; others are of the same kind
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES],
+)
 def test_what_is_wrong_with_a_log_is_named(name):
     spoil, said = CASES[name]
     found = check_log(spoil(swim()), unexplained=1.0, threads=1)

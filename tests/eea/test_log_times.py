@@ -179,6 +179,7 @@ def test_a_rate_that_changes_is_averaged_by_time(memory):
         unchanged(log)
 
 
+@pytest.mark.slow  # windows of three rates are fitted
 def test_trials_of_other_rates_and_lengths_are_used_each_in_full():
     log = together(
         swim(at_rate(100, 5.0), 3), swim(at_rate(20, 8.0), 4), swim(at_rate(1000, 3.0), 5),

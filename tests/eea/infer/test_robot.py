@@ -493,7 +493,10 @@ def test_intervals_given_a_change_hold_at_their_rate():
     assert 0.78 <= np.mean(held) <= 0.99
 
 
-@pytest.mark.parametrize("hypothesis", [HEAVIER, Hypothesis("x", moves={"gain": Number(0.0)})])
+@pytest.mark.parametrize(
+    "hypothesis",
+    [pytest.param(HEAVIER, marks=pytest.mark.slow), Hypothesis("x", moves={"gain": Number(0.0)})],
+)
 def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
     rng = np.random.default_rng(9)
     robot = replace(CART, hypotheses=[hypothesis])
