@@ -63,12 +63,9 @@ class Branch:
             for name, number in robot.numbers.items()
         }
         numbers |= {name: replace(numbers[name], healthy=None) for name in moved}
-        return replace(
-            robot,
-            numbers=numbers,
-            nominal=replace(robot.nominal, fixed=fixed, moves={}),
-            prior=self.prior(),
-        )
+        nominal = replace(robot.nominal, fixed=fixed, moves={})
+        after = replace(robot, numbers=numbers, nominal=nominal, prior=None)
+        return replace(after, prior=self.prior().of(self.parameters.robot, after))
 
     @property
     def cost(self) -> float:

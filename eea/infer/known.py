@@ -481,7 +481,7 @@ def learn(
     config = LEARNING_CONFIG if config is None else config
     instance("config", config, FitConfig)
     effort = replace(config, alternatives="never")
-    robot = replace(robot, numbers=robot.table)  # whose ranges the hypotheses widen
+    robot = replace(robot, numbers=robot.table)  # as wide as with hypotheses, also without
     whole = replace(robot, hypotheses=())
     observed = Observed.of(known_good, robot)
     groups = robot.groups if config.nuisances is None else config.nuisances
@@ -714,6 +714,7 @@ class Follower:
                 f"healthy must be left out where numbers are followed, for the log tells them; got "
                 f"{brief(dict(robot.healthy))}"
             )
+        robot = replace(robot, numbers=robot.table)  # as wide as with hypotheses, also without
         self._robot = robot
         self._noise = known_noise(noise, robot)
         self._alarm = alarm

@@ -353,6 +353,17 @@ class Prior:
         for name, shape in {"mean": (count,), "covariance": (count, count)}.items():
             object.__setattr__(self, name, finite(name, getattr(self, name), shape))
 
+    def of(self, robot: RobotModel, other: RobotModel) -> Prior:
+        """Return it, which is of a robot's ranges, as shares of those of another robot."""
+        before = [robot.table[name] for name in self.names]
+        after = [other.table.get(name, robot.table[name]) for name in self.names]
+        span = np.array([number.high - number.low for number in before])
+        wide = np.array([number.high - number.low for number in after])
+        moved = np.array([b.low - a.low for b, a in zip(before, after, strict=True)])
+        scale = span / wide
+        mean = moved / wide + scale * self.mean
+        return Prior(self.names, mean, np.outer(scale, scale) * self.covariance)
+
 
 CHANGE_ODDS = 0.1  # of a change of any number, relative to none
 
@@ -454,6 +465,8 @@ class RobotModel:
         instance("nominal", self.nominal, Hypothesis)
         if self.prior is not None:
             instance("prior", self.prior, Prior)
+            # Its shares are of these ranges, which hypotheses widen: without them they stay so.
+            object.__setattr__(self, "numbers", self.table)
         if self.discrepancy is not None:
             for name in ("slow_p", "doubts"):
                 callback(f"{name} of discrepancy", getattr(self.discrepancy, name, 0))

@@ -93,6 +93,41 @@ def test_a_number_that_has_changed_stays_changed():
     assert not known.test(measured(np.random.default_rng(10))).same
 
 
+SENSOR_OFF = Hypothesis("the sensor is off", moves={"bias": Number(0.0, sd=1.0)}, odds=0.1)
+WIDER = replace(SOUGHT, hypotheses=[SENSOR_OFF])  # its ranges have room for the change
+WHOLE_BIAS = 0.12
+
+
+def biased(seed):
+    return measured(np.random.default_rng(seed), bias=WHOLE_BIAS)
+
+
+@pytest.mark.parametrize("robot", [SOUGHT, WIDER], ids=["before", "with the hypothesis"])
+def test_what_is_known_is_the_same_number_in_a_wider_range(robot):
+    """A prior is of shares of ranges, which hypotheses widen."""
+    found = robot.infer([biased(20)], config=QUICK, noise=NOISE)
+    middle, low, high = found.table()["bias"]
+    known = found.known(WIDER)
+    number = known.robot.table["bias"]
+    i = known.robot.prior.names.index("bias")
+    span = number.high - number.low
+    assert number.low + span * known.robot.prior.mean[i] == pytest.approx(middle, abs=0.002)
+    sd = span * known.robot.prior.covariance[i, i] ** 0.5
+    assert 3.29 * sd == pytest.approx(high - low, rel=0.1)
+    assert all(known.test(biased(seed)).same for seed in range(30, 34))
+    assert known.infer([biased(40)], config=QUICK).probability("the sensor is off") < 0.1
+    off = known.infer([measured(np.random.default_rng(41), bias=0.9)], config=QUICK)
+    assert off.probability("the sensor is off") > 0.99
+
+
+def test_numbers_are_followed_in_the_ranges_that_hypotheses_widen():
+    follower = WIDER.follow(NOISE)
+    for seed in range(3):
+        assert not follower.update(biased(seed)).alarm
+    low, high = follower.table()["bias"][1:]
+    assert low < WHOLE_BIAS < high < low + 0.1
+
+
 def test_what_a_hypothesis_fixes_stays_fixed_while_another_number_changes():
     """Of a number that was healthy, of a switch, and of one with a prior."""
     stuck = Hypothesis("it is stuck", fixed={"gain": 0.4, "valve": 0.0, "bias": 0.9}, odds=0.1)
