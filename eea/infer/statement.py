@@ -477,9 +477,6 @@ class RobotModel:
             text("a name of numbers or channels", name)
             if "@" in name:  # which a trial's own numbers have before its number
                 raise ConfigurationError(f"a name must have no @; got {name!r}")
-        for hypothesis in self.hypotheses or ():
-            for name in hypothesis.moves:  # ranges have room for them
-                choice(f"moves of {hypothesis.name!r}", name, self.numbers)
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
         _check_distinct("hypotheses", [h.name for h in (self.nominal, *self.alternatives)])
