@@ -10,7 +10,14 @@ import pytest
 
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES
 from aquafish_gym.damage import TIERS, Chance, Damage, Fault, Tier
-from aquafish_gym.damage.words import CHANNEL_WORDS, PARTS, RANDOM, Range, needs_number
+from aquafish_gym.damage.words import (
+    CHANNEL_WORDS,
+    PARTS,
+    PHRASES,
+    RANDOM,
+    Range,
+    needs_number,
+)
 from aquafish_gym.morphology import FINS, SIZES
 from aquafish_gym.runs.command_line import AnyDamage, EpisodeDamage
 from aquafish_gym.scenario import CHANNELS, Scenario
@@ -130,3 +137,48 @@ def test_a_tier_of_faults_that_no_part_can_have_is_refused(
     monkeypatch.setitem(TIERS, "mine", Tier(1, (chance,)))
     with pytest.raises(InvalidArgumentError, match=sentence):
         Damage.parse("random:mine")
+
+
+def test_every_word_has_a_phrase_and_no_other_has() -> None:
+    assert PHRASES.keys() == {
+        word for words in (*PARTS.values(), *CHANNEL_WORDS.values()) for word in words
+    }
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("none", "nothing is broken"),
+        ("left_pectoral:length=0.5", "the left flipper has 50% of its length"),
+        (
+            "caudal:length=0.45;right_pectoral:missing;caudal:width=0.7",
+            "the tail has 45% of its length and 70% of its width and the right flipper is missing",
+        ),
+        (
+            "caudal:length=1.2;caudal:weak=0.404",
+            "the tail has 120% of its length and turns at 40% of its speed",
+        ),
+        ("caudal:seized@6", "the tail is seized from 6 s on"),
+        ("caudal:seized=0.5@0+2", "the tail is seized at 0.5 rad from 0 s for 2 s"),
+        ("caudal:entangled=0.2", "the tail drags something along"),
+        ("gyro_z:bias=0.2@4~3", "gyro_z is off by 0.2 rad/s from 4 s on, growing for 3 s"),
+        (
+            "gyro:noise=0.02;north_y:dropped",
+            "the gyroscope has noise of 0.02 rad/s and north_y gives no readings",
+        ),
+        (
+            "action_0:hold=0.2;observation:noise=3",
+            "action_0 changes only every 0.2 s and observation has noise of 3",
+        ),
+        ("random:mild@2-8", "something mild breaks at a time between 2 and 8 s"),
+        ("random:severe", "something severe breaks"),
+    ],
+)
+def test_damage_is_said_in_words(damage: str, words: str) -> None:
+    assert Damage.parse(damage).said() == words
+
+
+def test_a_fish_says_what_is_broken_of_itself() -> None:
+    assert Damage.parse("caudal:missing;gyro:delay=0.1").said("my ") == (
+        "my tail is missing and my gyroscope is 0.1 s late"
+    )

@@ -106,7 +106,7 @@ class SelfModelAgent:
     >>> for _ in range(110):
     ...     observation, *_ = env.step(agent.act(observation))
     >>> [event.about for event in agent.events if event.what == "inferred"][0]
-    'caudal:missing'
+    'the tail is missing'
     """
 
     def __init__(

@@ -134,15 +134,6 @@ def _rows(axes: Sequence[Sequence[float]]) -> Floats:
     return np.array(rows).reshape(len(rows), len(axes))
 
 
-def damage_text(damage: Damage) -> str:
-    """Return damage as text for people, with three digits of each number."""
-    parts = [
-        f"{fault.part}:{fault.word}" + ("" if fault.number is None else f"={fault.number:.3g}")
-        for fault in damage
-    ]
-    return "; ".join(parts) or "none"
-
-
 def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
     """Return the robots that all damages of grids make of one, side by side."""
     ends = np.cumsum([len(grid.numbers) for grid in grids]).tolist()

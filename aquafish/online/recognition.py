@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aquafish.online.hypotheses import damage_text
 from aquafish.online.search import (
     NARROWED_HYPOTHESES,
     NARROWING_ROUNDS,
@@ -87,11 +86,11 @@ class Recognised:
     @property
     def about(self) -> str:
         """In words."""
-        fins = damage_text(self.damage) if self.damage else ""
+        fins = self.damage.said() if self.damage else ""
         speeds = ", ".join(f"{speed:z.2f}" for speed in self.current)
-        water = f"current of ({speeds}) units/s" if speeds else ""
+        water = f"a current of ({speeds}) units/s began" if speeds else ""
         parts = (fins, water, *self.sensors)
-        return "; ".join(filter(None, parts)) or "none"
+        return " and ".join(filter(None, parts)) or Damage().said()
 
 
 def recognise(

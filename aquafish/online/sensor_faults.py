@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
@@ -72,11 +73,15 @@ def with_sensors(
         louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
         if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
             noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
-            words = [f"gyro:noise={noise[0]:.3g}"]
+            words = [Damage((Fault("gyro", "noise", float(noise[0])),)).said()]
     kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
     for name, flags in kinds.items():
         for i in np.flatnonzero(flags):
-            words.append(f"{CHANNELS[i]}:{name}" + (f"={mean[i]:.3g}" if name == "bias" else ""))
+            if name == "odd":
+                words.append(f"{CHANNELS[i]} is not what it should be")
+            else:
+                number = float(mean[i]) if name == "bias" else None
+                words.append(Damage((Fault(CHANNELS[i], name, number),)).said())
     sensors = {
         "gyro_noise": noise,
         "sensor_bias": robot.sensor_bias + np.where(biased, mean, 0.0),

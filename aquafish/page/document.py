@@ -11,6 +11,7 @@ from string import Template
 
 from aquafish.page.program import page_file, program
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
+from aquafish_gym.damage.words import PHRASES
 from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.rendering import scene
@@ -24,16 +25,6 @@ TITLE = "Break the fish"
 MUTED = "#5b7485"  # of what is less important
 FEWEST_FRAMES = 34  # a second; with fewer, the page draws without shadows, then coarser
 FASTEST_CURRENT = 1.0  # units/s: faster than the fish
-#: Words of damage -> what they say of a fin; # is the number in percent.
-PHRASES = {
-    "length": "has # of its length",
-    "width": "has # of its width",
-    "entangled": "drags something along",
-    "weak": "turns at # of its speed",
-    "missing": "is missing",
-    "reversed": "turns the wrong way",
-    "seized": "is seized",
-}
 #: What a button does to a fin: its name, a word of damage, and its number.
 BREAKS: Sequence[tuple[str, str, float]] = (
     ("missing", "missing", 0.0),
@@ -88,7 +79,7 @@ def live_page() -> str:
         "capsule": scene.CAPSULE[:2],
         "colours": colours,
         "finWords": FIN_WORDS,
-        "phrases": PHRASES,
+        "phrases": {word: phrase.replace(" at #", "") for word, phrase in PHRASES.items()},
         "breaks": BREAKS,
     }
     fins = "\n".join(

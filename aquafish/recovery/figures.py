@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aquafish.recovery.page import damage_in_words, shown_swims
+from aquafish.recovery.page import shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
@@ -226,7 +226,7 @@ def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
 
     They are film.webp and, where imageio-ffmpeg is installed, film.mp4.
     """
-    swims, title = shown_swims(job, outcomes), damage_in_words(job.morphology, job.target)
+    swims, title = shown_swims(job, outcomes), job.damage.said().capitalize()
     with show_share("film.webp", "frames") as show:
         film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title, show)
     if find_spec("imageio_ffmpeg") is None:

@@ -14,7 +14,7 @@ import numpy as np
 from aquafish.recovery.report import Outcomes, headline, shown_replicate
 from aquafish.recovery.treatment import Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Damage, Morphology
-from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym.morphology import FIN_WORDS
 from aquafish_gym.rendering.course import TRAILS, FilmedSwim
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -90,7 +90,7 @@ def report_page(
     distances = (old["native_distance"], old["target_distance"], ours["target_distance"])
     healthy, damaged, recovered = (f"{CM_PER_UNIT * each:z.0f}\u00a0cm" for each in distances)
     title = (
-        f"{damage_in_words(job.morphology, job.target)}. With the gait of joint inference "
+        f"{job.damage.said().capitalize()}. With the gait of joint inference "
         f"(joint-fins) the robot swims {recovered} in {seconds:g}\u00a0s instead of {damaged}."
     )
     numbers = (
@@ -140,24 +140,6 @@ def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
     damages = (Damage(), job.damage, job.damage)
     several = zip(SWIMS, paths, damages, strict=True)
     return [filmed(label, path, job.morphology, damage) for label, path, damage in several]
-
-
-def damage_in_words(before: Morphology, after: Morphology) -> str:
-    """Return what each fin that broke has lost, as "The tail has lost 40% of its length"."""
-    clauses = []
-    for fin in FINS:
-        whole, left = getattr(before, fin), getattr(after, fin)
-        sizes = [(d.size, d.axis) for d in DIMENSIONS if d.fin == fin and whole[d.axis]]
-        shares = {size: left[i] / whole[i] for size, i in sizes}
-        lost = [f"{1 - share:.0%} of its {size}" for size, share in shares.items() if share < 1]
-        grown = [f"{share:.0%} of its {size}" for size, share in shares.items() if share > 1]
-        parts = [*grown, *(["lost " + " and ".join(lost)] if lost else [])]
-        if parts and np.count_nonzero(left) < 2:
-            clauses.append(f"the {FIN_WORDS[fin]} is missing")
-        elif parts:
-            clauses.append(f"the {FIN_WORDS[fin]} has {' and '.join(parts)}")
-    text = " and ".join(clauses) or "nothing is broken"
-    return text[0].upper() + text[1:]
 
 
 def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, str]:

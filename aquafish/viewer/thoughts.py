@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish.online import SelfModelAgent
-from aquafish.online.hypotheses import damage_text
 from aquafish.online.self_model import ATTITUDE_ERRORS, FIN_ERRORS, VELOCITY_ERRORS
 from aquafish.viewer.door import as_code
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -29,7 +28,7 @@ def words_about(agent: SelfModelAgent | None, calibrates_for: float) -> str:
     if agent.recognised is not None:
         several = agent.recognised.alternatives[:3]
         lines += [
-            f"{one.weight:.0%} {as_code(damage_text(one.damage))}"
+            f"{one.weight:.0%} {as_code(one.damage.said())}"
             for one in several
             if one.weight > 0.005
         ]

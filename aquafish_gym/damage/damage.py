@@ -112,6 +112,24 @@ class Damage:
             faults.append(Fault(fin, "missing") if missing else Fault(fin, str(size), factor))
         return cls(tuple(faults))
 
+    def said(self, whose: str = "the ") -> str:
+        """Return what is broken in words, for people; ``str`` is for programs.
+
+        ``whose`` stands before the name of a fin: ``my ``.
+
+        Examples
+        --------
+        >>> Damage.parse("caudal:length=0.6;caudal:width=0.5;left_pectoral:missing").said()
+        'the tail has 60% of its length and 50% of its width and the left flipper is missing'
+        >>> Damage().said()
+        'nothing is broken'
+        """
+        clauses: dict[str, list[str]] = {}
+        for fault in self.faults:
+            clauses.setdefault(fault.subject(whose), []).append(fault.said)
+        said = [f"{part} {' and '.join(_without_has(all_of))}" for part, all_of in clauses.items()]
+        return " and ".join(said) or "nothing is broken"
+
     @property
     def is_random(self) -> bool:
         """Whether it must be sampled before it can be applied."""
@@ -249,6 +267,15 @@ class Damage:
             if fault["growth"] is None:
                 del fault["growth"]
         return listed
+
+
+def _without_has(clauses: Sequence[str]) -> list[str]:
+    """Return what is said of one part, with one "has" for what follows each other."""
+    before = ["", *clauses]
+    return [
+        clause.removeprefix("has ") if last.startswith("has ") else clause
+        for last, clause in zip(before, clauses, strict=False)
+    ]
 
 
 def edit_each(

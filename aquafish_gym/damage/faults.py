@@ -17,6 +17,7 @@ from aquafish_gym.damage.words import (
     CHANNEL_WORDS,
     LONGEST_SECONDS,
     PARTS,
+    PHRASES,
     RANDOM,
     SHORTEST_SECONDS,
     Range,
@@ -24,7 +25,7 @@ from aquafish_gym.damage.words import (
     can_grow,
     needs_number,
 )
-from aquafish_gym.morphology import FINS
+from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -198,6 +199,38 @@ class Fault:
         if isinstance(onset, tuple):
             return f"{text}@{onset[0]!r}-{onset[1]!r}{lasts}"
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")
+
+    def subject(self, whose: str = "the ") -> str:
+        """Return what it is about, in words."""
+        if self.part == RANDOM:
+            return f"something {self.word}"
+        words = FIN_WORDS | {"gyro": "gyroscope"}
+        return whose + words[self.part] if self.part in words else self.part
+
+    @property
+    def said(self) -> str:
+        """What it says of its subject, in words: ``has 50% of its length from 4 s on``."""
+        if self.part == RANDOM:
+            return f"breaks{self._when}"
+        phrase = PHRASES[self.word]
+        wanted = words_of(self.part)[self.word]
+        if self.number is None or wanted is None:
+            return phrase.replace(" at #", "") + self._when
+        factor = wanted.neutral == 1.0
+        number = f"{self.number:.0%}" if factor else f"{self.number:.3g} {wanted.unit}".rstrip()
+        return phrase.replace("#", number) + self._when
+
+    @property
+    def _when(self) -> str:
+        """When it holds, in words; empty if throughout."""
+        onset = self.onset
+        if isinstance(onset, tuple):
+            begins = f" at a time between {onset[0]:g} and {onset[1]:g} s"
+        else:
+            begins = f" from {onset:g} s on" if onset or self.duration or self.growth else ""
+        lasts = "" if self.duration is None else f" for {self.duration:g} s"
+        grows = "" if self.growth is None else f", growing for {self.growth:g} s"
+        return begins.removesuffix(" on" if lasts else "") + lasts + grows
 
 
 def words_of(part: object) -> Words:

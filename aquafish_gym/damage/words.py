@@ -92,6 +92,24 @@ CHANNEL_WORDS: Mapping[str, Words] = {
     | _link(LARGEST_NUMBER, LONGEST_SECONDS),
 }
 
+#: Word -> what it says of a part; # is the number, in percent where it is a factor.
+PHRASES: Mapping[str, str] = {
+    **{size: f"has # of its {size}" for size in SIZES},
+    "missing": "is missing",
+    "entangled": "drags something along",
+    "weak": "turns at # of its speed",
+    "reversed": "turns the wrong way",
+    "seized": "is seized at #",
+    "dead": "does not move",
+    "scale": "is scaled by #",
+    "delay": "is # late",
+    "hold": "changes only every #",
+    "noise": "has noise of #",
+    "bias": "is off by #",
+    "stuck": "repeats its last value",
+    "dropped": "gives no readings",
+}
+
 
 def needs_number(number: Range | None) -> TypeGuard[Range]:
     """Return whether a word cannot do without its number."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from eea.core.angles import Floats
 from eea.core.checks import finite, instance
@@ -183,6 +184,7 @@ def what_broke(result: Result) -> str:
     best = result.belief.branches[0]
     robot = result.belief.robot
     clauses = []
+    faults: list[Fault] = []
     if best.hypothesis.name != robot.nominal.name:
         clauses.append(best.hypothesis.name)
     if robot.prior is not None:
@@ -196,16 +198,16 @@ def what_broke(result: Result) -> str:
             continue
         absent = f"the {word} is absent"
         if any(said.startswith(absent) for said in result.belief.findings):
-            clauses.append(absent)
+            faults.append(Fault(fin, "missing"))
             continue
         shares = [_share(i, whole, low, high, result.model) for i in own]
-        parts = [
-            f"{share:.0%} of its {DIMENSIONS[i].size}"
+        faults += [
+            Fault(fin, DIMENSIONS[i].size, share)
             for i, share in zip(own, shares, strict=True)
             if share is not None
         ]
-        if parts:
-            clauses.append(f"the {word} has {' and '.join(parts)}")
+    if faults:
+        clauses.append(Damage(tuple(faults)).said())
     if unknown.all() and not clauses:
         return "the data do not tell what broke"
     known = "" if not unknown.any() else ", as far as the data tell"

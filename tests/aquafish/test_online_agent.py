@@ -152,7 +152,7 @@ def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: fl
     alarm, first, *_ = (event for event in agent.events if event.what != "chose")
     assert (alarm.what, onset < alarm.seconds <= onset + 0.6) == ("alarm", True)
     assert first.what == "inferred"
-    assert first.about.startswith("caudal:weak=0.")
+    assert re.fullmatch(r"the tail turns at (39|4[01])% of its speed", first.about)
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
 
 
@@ -160,7 +160,9 @@ def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: fl
 def test_a_mild_fault_in_the_first_ten_seconds_is_taken_for_no_current(damage: str) -> None:
     """A filter whose current wanders is surprised by it an action later than the others."""
     agent, _, _ = swim(f"{damage}@4", 40, AgentConfig(refinements=0))
-    assert {event.about for event in agent.events if event.what == "inferred"} == {damage}
+    assert {event.about for event in agent.events if event.what == "inferred"} == {
+        Damage.parse(damage).said()
+    }
     # A second fault is to be noticed as after any first one.
     np.testing.assert_array_equal(agent.model.model_error, RECOGNISED_ERROR)
 
@@ -169,7 +171,7 @@ def test_a_fin_and_a_sensor_that_break_at_once_are_both_named() -> None:
     """The sensor is lost in the observation that ends an action, the fin in the next action."""
     noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     agent, info, _ = swim("gyro:noise=0.01; caudal:missing@15; north_y:dropped@15", 95, noisy)
-    assert agent.events[-1].about == "caudal:missing; north_y:dropped"
+    assert agent.events[-1].about == "the tail is missing and north_y gives no readings"
     assert "unknown" not in whats(agent)
     np.testing.assert_array_equal(agent.model.robot.body[0], info["morphology"])
 
@@ -193,7 +195,7 @@ def test_a_current_that_begins_changes_no_gait() -> None:
     assert whats(agent)[:3] == ["chose", "alarm", "inferred"]
     assert whats(agent).count("chose") == 1
     for event in agent.events[2:]:
-        assert event.about.startswith("current of ")
+        assert event.about.startswith("a current of ")
         found = [float(number) for number in re.findall(r"-?\d\.\d+", event.about)]
         np.testing.assert_allclose(found, [-0.12, 0.21, 0.0], atol=0.02)
 
@@ -241,8 +243,8 @@ def test_what_none_of_its_words_says_is_unknown_and_changes_nothing() -> None:
 def test_it_becomes_whole_again_when_a_fault_ends() -> None:
     agent, _, _ = swim("right_pectoral:seized@15+10", 170)
     about = [event.about for event in agent.events if event.what == "inferred"]
-    assert about[0] == "right_pectoral:seized"
-    assert about[-1] == "none"
+    assert about[0] == "the right flipper is seized"
+    assert about[-1] == "nothing is broken"
     np.testing.assert_array_equal(agent.model.robot.servo_gain, [[1.0, 1.0, 1.0]])
 
 
@@ -255,15 +257,16 @@ def test_a_little_more_noise_is_one_alarm_and_no_fault_of_a_fin() -> None:
     noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     agent, _, _ = swim("gyro:noise=0.01; gyro:noise=0.021@20", 300, noisy)
     assert whats(agent).count("alarm") == 1
-    assert agent.events[-1].about.startswith("gyro:noise=0.02")
+    assert agent.events[-1].about.startswith("the gyroscope has noise of 0.02")
     np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
 
 
 def test_a_sensor_that_works_again_is_used_again() -> None:
     agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 150)
     about = [event.about for event in agent.events if event.what == "inferred"]
-    assert about[0] in ("gyro_y:dropped; gyro_x:bias=0.2", "gyro_y:dropped; gyro_x:bias=0.199")
-    assert about[-1] == "none"
+    assert about[0].startswith("gyro_y gives no readings and gyro_x is off by ")
+    assert float(about[0].split()[-2]) == pytest.approx(0.2, abs=0.002)
+    assert about[-1] == "nothing is broken"
     assert np.isfinite(agent.model.noise).all()
     np.testing.assert_array_equal(agent.model.robot.sensor_bias, 0.0)
 

@@ -67,7 +67,7 @@ def test_a_glitch_is_not_observed(channel: int, reading: float, untouched: SelfM
     assert np.isfinite(actions).all()
     assert np.isfinite(agent.model.state).all()
     assert about(agent, "alarm") == ["this is not what the self-model predicts"]  # at 20 s
-    assert set(about(agent, "inferred")) == {"caudal:missing"}
+    assert set(about(agent, "inferred")) == {"the tail is missing"}
     assert about(agent, "sensor") == []
     np.testing.assert_allclose(agent.model.state, untouched.model.state, atol=0.01)
 
@@ -104,7 +104,7 @@ def test_a_direction_without_length_is_not_observed(
 
     agent, _ = swim(spoil, "caudal:missing@20")
     assert len(about(agent, "alarm")) == 1  # at 20 s
-    assert set(about(agent, "inferred")) == {"caudal:missing"}
+    assert set(about(agent, "inferred")) == {"the tail is missing"}
     np.testing.assert_allclose(agent.model.state, untouched.model.state, atol=0.01)
 
 
@@ -141,7 +141,7 @@ def test_a_gyroscope_alone_is_not_said_to_lack_the_other_sensors() -> None:
     gyro = AgentConfig(gyro_only=True, refinements=0)
     agent, _ = swim(lambda _, seen: seen[:6].fill(np.nan), "caudal:missing@15", config=gyro)
     assert about(agent, "sensor") == []
-    assert about(agent, "inferred")[-1] == "caudal:missing"
+    assert about(agent, "inferred")[-1] == "the tail is missing"
 
 
 @pytest.mark.parametrize(("channel", "reading"), [(0, -1.0), (5, 1.0), (6, 34.0), (8, -10.0)])

@@ -14,7 +14,7 @@ import pytest
 
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
-from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, damage_text
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES
 from aquafish.online.self_model import moved, state_errors
 from aquafish.page.facts import GYRO_NOISE, effects
 from aquafish.page.program import move, place_fish, program, state_error
@@ -182,7 +182,7 @@ def test_the_agent_is_as_good_as_the_librarys_without_refinement() -> None:
 
 def way_of_self_model(fault: Fault, one: dict[str, Any]) -> float:
     """Return how far ``SelfModelAgent`` swims after a fault, units, without refining its gaits."""
-    damage = f"gyro:noise={GYRO_NOISE}; {damage_text(Damage((fault,)))}@{ONSET_SECONDS}"
+    damage = f"gyro:noise={GYRO_NOISE}; {Damage((fault,))}@{ONSET_SECONDS}"
     env = gym.make("AquaFishRecovery-v0", damage=damage, engine="numba")
     observation, info = env.reset(seed=one["seed"], options={"fin_angles": one["finAngles"]})
     agent = SelfModelAgent(config=AgentConfig(gyro_noise=GYRO_NOISE, refinements=0), teachers=())

@@ -8,36 +8,10 @@ from typing import Any
 import pytest
 
 from aquafish.recovery.command import CaseStudy
-from aquafish.recovery.page import damage_in_words
 from aquafish.recovery.report import shown_replicate
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import Morphology
 
 HEALTHY = Morphology.nominal()
-
-
-@pytest.mark.parametrize(
-    ("damage", "words"),
-    [
-        ("left_pectoral:length=0.5", "The left flipper has lost 50% of its length"),
-        ("caudal:missing", "The tail is missing"),
-        (
-            "right_pectoral:length=0.4;caudal:length=0.45;caudal:width=0.7",
-            "The right flipper has lost 60% of its length and "
-            "the tail has lost 55% of its length and 30% of its width",
-        ),
-        (
-            "caudal:length=1.2;left_pectoral:width=0",
-            "The left flipper has lost 100% of its width and the tail has 120% of its length",
-        ),
-        (
-            "caudal:length=0.4;caudal:width=1.2",
-            "The tail has 120% of its width and lost 60% of its length",
-        ),
-        ("none", "Nothing is broken"),
-    ],
-)
-def test_the_damage_is_said_from_the_bodies(damage: str, words: str) -> None:
-    assert damage_in_words(HEALTHY, Damage.parse(damage).apply(HEALTHY)) == words
 
 
 @pytest.mark.parametrize(
