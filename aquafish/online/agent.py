@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment, open_case
-from aquafish.online.choosing import GaitChooser, Water, predicts
+from aquafish.online.case import Moment
+from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
-from aquafish.online.early import EARLY_DRIFT, EarlyWatch
 from aquafish.online.gaits import check_library, load_library
-from aquafish.online.monitor import (
-    CALIBRATION_ACTIONS,
-    ERROR_SCALES,
-    SETTLED_ACTIONS,
-    WATER_ACTIONS,
-    ErrorCalibration,
-    ReadingHistory,
-    wanders,
-)
-from aquafish.online.recognition import Recognised, alike
-from aquafish.online.self_model import (
-    MODEL_ERROR,
-    RECOGNISED_ERROR,
-    SelfModel,
-    noise_of,
-    observed_directions,
-    predict,
-)
+from aquafish.online.monitor import ReadingHistory
+from aquafish.online.phases import Calibrating, Episode, Phase
+from aquafish.online.recognition import Recognised
+from aquafish.online.self_model import SelfModel, noise_of, observed_directions
 from aquafish.online.swimming import Gait
 from aquafish.online.teacher import Teacher, check_teachers
-from aquafish.online.thinking import Event, Thought, thinking_actions
-from aquafish.online.trusted import Trusted
-from aquafish_gym.damage import Damage
-from aquafish_gym.physics.layout import angles_of_rows
+from aquafish.online.thinking import Event
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.array_types import Floats
@@ -53,16 +34,6 @@ from aquafish_gym.utils.validation import (
 from gait.controllers.controller import Controller
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
-
-# The number of actions before an alarm in which the robot may have broken, by ``gyro_only``.
-ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
-CONFIRMING_ACTIONS = 7  # after an alarm; what still fits then is trusted
-# In foreign water predictions are good for a few seconds. So inferences after an alarm use 3 to 12
-# observations, and for 50 actions there is no other alarm.
-FOREIGN_OBSERVATIONS = range(3, 13)
-QUIET_ACTIONS = 50
-WANDERING_OBSERVATIONS = 8  # at most, where a current wanders: predictions are good for 10 actions
-ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
 
 
 class SelfModelAgent:
@@ -109,6 +80,8 @@ class SelfModelAgent:
     'the tail is missing'
     """
 
+    _episode: ClassVar[type[Episode]] = Episode
+
     def __init__(
         self,
         library: Sequence[Controller] | None = None,
@@ -125,6 +98,7 @@ class SelfModelAgent:
             raise InvalidArgumentError(
                 f"robot must be one robot, without a servo lag; got {self._whole!r}"
             )
+        self._phase: Phase | None = None  # before ``begin``
         self.library = check_library(load_library() if library is None else library, hold)
         self.teachers = check_teachers(teachers, library is None, hold)
 
@@ -141,42 +115,46 @@ class SelfModelAgent:
         deaf = np.array([[config.gyro_only] * GYRO_CHANNELS.start + [False] * 3])
         noise = np.array([config.gyro_noise])
         whole = replace(self._whole, gyro_noise=noise, sensor_dropped=deaf)
-        self._calibration: ErrorCalibration | None = ErrorCalibration(whole, fin_angles, self.hold)
-        self.model: SelfModel = self._calibration.model
-        self.events: list[Event] = []
-        self.recognised: Recognised | None = None
-        self._moments: list[Moment] = []
-        self._steps = 0
-        self._action = np.zeros(3, np.float32)
-        self._broken = Damage()
-        self._early: EarlyWatch | None = None
-        if fin_angles is not None:
-            back = ACTIONS_BEFORE_ALARM[config.gyro_only] if config.gyro_noise else 0
-            self._early = EarlyWatch(self._calibration, back, config.inferences)
-        self._case: Case | None = None
-        self._first_case: Case | None = None  # of the alarms in a row
-        self._trusted: Trusted | None = None
-        self._quiet = 0
-        self._foreign = False
-        self._wandering = False
-        self._readings = ReadingHistory(np.isfinite(noise_of(whole)))
-        self._thoughts: list[Thought[tuple[Case, Recognised]]] = []
-        self._chooser = GaitChooser(self.library, self.teachers, config, self.dt, self.events)
-        self._chooser.begin(self.model)
+        events: list[Event] = []
+        chooser = GaitChooser(self.library, self.teachers, config, self.dt, events)
+        readings = ReadingHistory(np.isfinite(noise_of(whole)))
+        episode = self._episode(config, self.hold, chooser, readings, events)
+        self._phase = Calibrating(episode, whole, fin_angles)
+        chooser.begin(self._phase.model)
+
+    def _begun(self, use: str) -> Phase:
+        """Return the phase of the episode."""
+        if self._phase is None:
+            raise InvalidArgumentError(f"begin(fin_angles) must be called before {use}")
+        return self._phase
+
+    @property
+    def model(self) -> SelfModel:
+        """Its self-model now."""
+        return self._begun("model").model
+
+    @property
+    def events(self) -> list[Event]:
+        """What it noticed and decided in this episode."""
+        return self._begun("events").episode.events
+
+    @property
+    def recognised(self) -> Recognised | None:
+        """What its last inference that is in use found, with the alternatives; None before."""
+        return self._begun("recognised").episode.recognised
 
     @property
     def gait(self) -> Gait:
         """The controller, or the gait of a teacher, that it swims."""
-        return self._chooser.gait
+        return self._begun("gait").episode.chooser.gait
 
     def swim_until(self, seconds: float) -> None:
         """Set when this episode ends, in s since it began, instead of ``config.seconds``.
 
         Gaits are compared and refined for the time that is left.
         """
-        if not hasattr(self, "model"):
-            raise InvalidArgumentError("begin(fin_angles) must be called before swim_until")
-        self._chooser.until = float(finite_array("seconds", seconds, (), 0.0, unit="s"))
+        chooser = self._begun("swim_until").episode.chooser
+        chooser.until = float(finite_array("seconds", seconds, (), 0.0, unit="s"))
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
@@ -191,226 +169,41 @@ class SelfModelAgent:
         the observation space, is not observed: the self-model predicts it. Nor is a direction of
         length 0.
         """
-        if not hasattr(self, "model"):
-            raise InvalidArgumentError("begin(fin_angles) must be called before act(observation)")
-        wanted = f"({len(CHANNELS)},) or longer, or (1, k)"
-        given = real_array("observation", observation, wanted)
-        if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
-            raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
-        if self._steps:
-            readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
-            self._observe(observed_directions(readings))
-        seconds = self._steps * self.dt
-        if seconds >= self._chooser.until:
-            self.swim_until(seconds + self.config.seconds)
+        phase = self._begun("act(observation)")
+        episode = phase.episode
+        chooser = episode.chooser
+        observed, rows = _readings(observation)
+        if episode.steps:
+            phase = self._observe(phase, observed)
+        seconds = episode.steps * episode.dt
+        if seconds >= chooser.until:
+            chooser.until = seconds + self.config.seconds
         # Inferences first: another robot makes a refinement obsolete.
-        while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
-            self._thoughts.remove(due[0])
-            self._use(due[0])
-        self._chooser.use_refined(self.model, self._steps)
-        if self._chooses_again():
-            self._chooser.choose_again(self.model, self._steps)
-        self._action = self._chooser.act(self.model)
-        self._steps += 1
-        return self._action.reshape((*given.shape[:-1], 3))
+        while thought := episode.next_due():
+            phase = phase.use(thought)
+        chooser.use_refined(phase.model, episode.steps)
+        if phase.chooses_again:
+            chooser.choose_again(phase.model, episode.steps)
+        self._phase = phase
+        episode.steps += 1
+        return chooser.act(phase.model).reshape((*rows, 3))
 
-    def _observe(self, observed: Floats) -> None:
-        """Carry the self-model along with an observation."""
-        moment = Moment(self.model.state, self._action.astype(float), observed)
-        self._moments.append(moment)
-        if self._calibration is not None:
-            self._calibrate(self._calibration, moment)
-        else:
-            if self._trusted is not None:
-                self._trusted.model.follow(moment.action, observed)
-            self._notice(observed, self.model.follow(moment.action, observed))
-        for about in self._readings.add(observed):
-            self._log("sensor", about)
+    def _observe(self, phase: Phase, observed: Floats) -> Phase:
+        """Take in the readings (9,) after the last action; return the next phase."""
+        episode = phase.episode
+        moment = Moment(phase.model.state, episode.chooser.action.astype(float), observed)
+        episode.moments.append(moment)
+        after = phase.observe(moment)
+        for silent in episode.readings.add(observed):
+            episode.log("sensor", silent)
+        return after
 
-    def _notice(self, observed: Floats, square: float) -> None:
-        """Notice and infer what broke, by an observation and its squared innovation."""
-        lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
-        calm = self._steps < self._quiet
-        alarming = self._monitor.add(square, int(self.model.used(observed).sum()), calm)
-        silence_ends = lost & self._readings.changed(observed)  # of a sensor that works again
-        alarming |= bool(silence_ends.any())
-        settled = self._case is None or self._case.settled(self._steps)
-        if alarming and settled and (self._case is None or self._believes_anew):
-            self._case = self._open()
-            self._log("alarm", "this is not what the self-model predicts")
-        if self._case is not None:
-            if self._case.is_due(self._steps):
-                self._infer(self._case, self._moments, self._drift)
-            if not self._case.due and self._case.settled(self._steps):
-                self._case = None
 
-    def _calibrate(self, calibration: ErrorCalibration, moment: Moment) -> None:
-        """Measure the model's error, and find where the fins are."""
-        unknown = calibration.unknown
-        early = self._early
-        known = None if early is None else early.known
-        explaining = early is not None and early.explaining
-        check = known is None and not explaining
-        enough = calibration.add(moment.action, moment.observed, check)
-        self.model = calibration.model
-        if unknown and not calibration.unknown:
-            self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
-            self._chooser.begin(self.model)
-        self._foreign = calibration.foreign
-        if self._steps == WATER_ACTIONS and calibration.other_water and not explaining:
-            self._log("water", calibration.other_water)
-            self._change_gait()
-        if early is not None:
-            if early.add():
-                self._log("alarm", "this is not what the self-model predicts")
-            case = early.due(self._steps)
-            if case is not None:
-                self._infer(case, early.moments, EARLY_DRIFT)
-            enough &= not early.explaining
-            known = early.known
-        if enough:
-            if known is not None:
-                self.model = calibration.models[known]
-                self._foreign = False
-            self._wandering = wanders(self.model)
-            self._monitor, self._drift = calibration.finish(known)
-            self._intact = self.model.robot
-            self._calibration = None
-            self._change_gait()
-
-    def _end_calibration(self, early: EarlyWatch, found: Recognised, case: Case) -> None:
-        """End the calibration because something broke: the robot was whole until then."""
-        self.model = early.model.copy()
-        self._moments = early.moments
-        self._monitor = early.monitor
-        self._drift = EARLY_DRIFT
-        self._intact = case.before[found.before]
-        self._foreign = False
-        self._calibration = None
-        self._case = early.case
-        self._first_case = case
-        self._wandering = wanders(self.model)
-        self._trusted = Trusted(early.model.copy(), Damage(), self.gait)
-
-    @property
-    def _believes_anew(self) -> bool:
-        """Whether it believes something else than before an alarm."""
-        return self._trusted is None or self.model.robot is not self._trusted.model.robot
-
-    def _open(self) -> Case:
-        """Return the case of an alarm."""
-        used = np.isfinite(noise_of(self._intact))
-        exact = not self.config.gyro_noise and self._drift[used].max() < CHANNEL_TOLERANCE
-        back = 0 if exact else ACTIONS_BEFORE_ALARM[self.config.gyro_only]
-        if self._foreign:  # how surprising another gait is must be learned after each alarm
-            self._quiet = self._steps + QUIET_ACTIONS
-        elif self._trusted is None:
-            self._trusted = Trusted(self.model.copy(), self._broken, self.gait)
-        if any(event.what == "alarm" for event in self.events):
-            most = ERROR_SCALES[-1] * MODEL_ERROR
-            self.model.model_error = np.minimum(ERROR_GROWTH * self.model.model_error, most)
-        due = [k for k in self.config.inferences if not self._foreign or k in FOREIGN_OBSERVATIONS]
-        if self._wandering:
-            due = [k for k in due if k <= WANDERING_OBSERVATIONS]
-        beliefs = [(self.model.robot, self._broken)]
-        if self.model.robot is not self._intact:  # what broke may have ended
-            beliefs.append((self._intact, Damage()))
-        seen = [bool(self.model.used(moment.observed).any()) for moment in self._moments]
-        case = open_case(beliefs, seen, back, due or [1], self._first_case)
-        if case.earlier is None:
-            self._first_case = case
-        return case
-
-    def _infer(self, case: Case, moments: Sequence[Moment], drift: Floats) -> None:
-        """Recognise what broke; the result can be used after the time for thinking."""
-        began = time.process_time()
-        found = case.explain(moments, drift, self.config.gyro_noise, self.hold)
-        if self._calibration is not None and (found.unchanged or not found.fits):
-            return
-        doubted = not self._foreign and not found.fits
-        if doubted:
-            case.look_back()
-            if not case.due and self._trusted is not None:  # what surprises it now is usual
-                self._quiet = self._steps + QUIET_ACTIONS
-        usable = self._foreign or found.decided
-        if case.due and not (self._believes_anew if doubted else usable):
-            return
-        seconds = case.inferences * self.config.inference_seconds
-        due = self._steps + thinking_actions(seconds, self.dt)
-        cpu = time.process_time() - began
-        event = Event(self._steps * self.dt, "inferred", found.about, cpu)
-        self._thoughts.append(Thought(due, event, (case, found)))
-
-    def _use(self, thought: Thought[tuple[Case, Recognised]]) -> None:
-        """Use an inference that is due: become another robot."""
-        self.events.append(thought.event)
-        case, found = thought.result
-        if not self._foreign and not found.fits:
-            self._doubt(last=not case.due)
-            return
-        self.recognised = found
-        if thought.event.seconds >= (case.step + CONFIRMING_ACTIONS) * self.dt:
-            self._trusted = None
-        if not found.explained:
-            self._log("unknown", "none of my hypotheses explains what I observe")
-            return
-        changed = self._calibration is not None
-        if self._early is not None and changed:
-            self._end_calibration(self._early, found, case)
-        robot = self._intact if found.whole else found.robot
-        changed |= not alike(robot, self.model.robot)
-        self._monitor.clear()
-        self._broken = found.damage
-        self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
-        self._become(robot, found, round(thought.event.seconds / self.dt))
-        if changed:
-            self._change_gait(soon=True)
-
-    def _become(self, robot: Scenario, found: Recognised, inferred: int) -> None:
-        """Let the self-model be a robot, which was recognised after ``inferred`` actions."""
-        if self._wandering:  # without corrections it is wrong after two seconds
-            self.model.become(robot, found.start)
-            for moment in self._moments[found.onset :]:
-                self.model.follow(moment.action, moment.observed)
-            return
-        state = found.state
-        if since := self._moments[inferred:]:
-            actions = np.array([moment.action for moment in since])
-            state = predict(found.robot, state, actions, self.hold)[1][:, 0]
-        self.model.become(robot, state)
-
-    def _doubt(self, last: bool) -> None:
-        """Undo what was believed since an alarm; at ``last``, say that its cause is unknown."""
-        trusted = self._trusted
-        if trusted is None:  # what fitted for long is kept; the next alarm says what broke since
-            return
-        if last:
-            self._log("unknown", "none of my hypotheses explains what I observe")
-            self._trusted = None
-            self._first_case = None
-        self.model = trusted.model if last else trusted.model.copy()
-        self._broken = trusted.broken
-        self._monitor.clear()
-        self._chooser.return_to(trusted.gait, self.model)
-
-    def _change_gait(self, soon: bool = False) -> None:
-        """Swim the best known gait from now on, and refine it meanwhile."""
-        self._chooser.change(self.model, self._steps, self._water(), soon)
-
-    def _water(self) -> Water:
-        """Return how well the self-model knows the water."""
-        if not self._foreign or self._calibration is not None:
-            return Water(self._foreign, not self._foreign)
-        moments = self._moments[SETTLED_ACTIONS:CALIBRATION_ACTIONS]
-        gyro = np.array([moment.observed[GYRO_CHANNELS] for moment in moments])
-        return Water(self._foreign, predicts(self._drift[GYRO_CHANNELS], gyro))
-
-    def _chooses_again(self) -> bool:
-        """Whether the gait may be chosen again, in foreign water that the self-model predicts."""
-        if not self._foreign or self._calibration is not None or self._thoughts:
-            return False
-        settled = self._case is None or self._case.settled(self._steps)
-        return settled and self._water().predicted
-
-    def _log(self, what: str, about: str) -> None:
-        self.events.append(Event(self._steps * self.dt, what, about))
+def _readings(observation: ArrayLike) -> tuple[Floats, tuple[int, ...]]:
+    """Return the readings (9,) of an observation, NaN where there is none, and its rows."""
+    wanted = f"({len(CHANNELS)},) or longer, or (1, k)"
+    given = real_array("observation", observation, wanted)
+    if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
+        raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
+    readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
+    return observed_directions(readings), given.shape[:-1]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online.belief import Water
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import gait_to_refine, imagine
 from aquafish.online.self_model import SelfModel
@@ -24,7 +25,6 @@ from aquafish.online.teacher_gait import (
     refine_teacher,
 )
 from aquafish.online.thinking import Event, Thought, thinking_actions
-from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.search.evolve import EvolveConfig, evolve_gait
@@ -39,15 +39,6 @@ AHEAD_SECONDS = 10.0
 SHORTEST_AHEAD_SECONDS = 2.0
 LEAST_GAIN = 0.04
 SLOW_SPEED = 0.5
-# The model predicts if the gyroscope's rms error ahead is below this share of its rms.
-PREDICTED_SHARE = 0.3
-
-
-class Water(NamedTuple):
-    """How well the self-model knows the water."""
-
-    foreign: bool = False  #: Whether it has another law than the model's.
-    predicted: bool = True  #: Whether the model predicts the gyroscope in it.
 
 
 class _Effort(NamedTuple):
@@ -78,6 +69,8 @@ class GaitChooser:
     ----------
     until
         When the episode ends, s since it began; at first ``config.seconds``.
+    action
+        (3,) the last one; 0 without one.
     """
 
     def __init__(
@@ -95,7 +88,7 @@ class GaitChooser:
         self.dt = dt
         self.events = events
         self.refined: deque[Gait] = deque(maxlen=REFINED_GAITS)
-        self._action: NDArray[np.float32] = np.zeros(3, np.float32)
+        self.action: NDArray[np.float32] = np.zeros(3, np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
         self._efforts: list[_Effort] = []  # of the refinements to come of both kinds of gaits
@@ -108,16 +101,16 @@ class GaitChooser:
 
     def begin(self, model: SelfModel) -> None:
         """Begin the library's first gait."""
-        self._swimming: Swimmer = begin_gait(self.library[0], model.robot, self._action)
+        self._swimming: Swimmer = begin_gait(self.library[0], model.robot, self.action)
 
     def swim(self, gait: Gait, model: SelfModel) -> None:
         """Swim a gait from now on."""
-        self._swimming = begin_gait(gait, model.robot, self._action)
+        self._swimming = begin_gait(gait, model.robot, self.action)
 
     def act(self, model: SelfModel) -> NDArray[np.float32]:
         """Return the next action (3,), in [-1, 1], of a robot in its present state."""
-        self._action = act_in(self._swimming, model.robot, model.state)
-        return self._action
+        self.action = act_in(self._swimming, model.robot, model.state)
+        return self.action
 
     def use_refined(self, model: SelfModel, step: int) -> None:
         """Use a refinement that is due at a step, and begin the next one."""
@@ -183,7 +176,7 @@ class GaitChooser:
         gaits: list[Gait] = [*self._controllers()]
         far = imagine(self._controllers(), model.robot, model.state, seconds)
         if taught := self._teacher_gaits(water):
-            taught_far = imagine_teacher(taught, model.robot, model.state, seconds, self._action)
+            taught_far = imagine_teacher(taught, model.robot, model.state, seconds, self.action)
             gaits += taught
             far = np.concatenate([far, taught_far])
         going_on = swim_ahead(self._swimming, model, 0, round(seconds / self.dt)).way
@@ -304,13 +297,3 @@ class GaitChooser:
             np.random.default_rng(int(self._rng.integers(2**32))),
             sigma,
         )
-
-
-def predicts(drift: Floats, observed: Floats) -> bool:
-    """Return whether a self-model predicts the gyroscope.
-
-    ``drift`` (3,) is the rms error of its open-loop predictions, and ``observed`` (K, 3) what the
-    gyroscope read, rad/s; NaN where it did not.
-    """
-    power = np.nanmean(np.square(observed)) if np.isfinite(observed).any() else 0.0
-    return bool(np.mean(np.square(drift)) < PREDICTED_SHARE**2 * power)

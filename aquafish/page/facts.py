@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import search
-from aquafish.online.agent import ACTIONS_BEFORE_ALARM, ERROR_GROWTH
 from aquafish.online.case import CHANNEL_TOLERANCE, NOISE_RATIO, SETTLED_CASE_ACTIONS
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import (
@@ -20,6 +19,7 @@ from aquafish.online.hypotheses import (
     all_hypotheses,
 )
 from aquafish.online.monitor import ERROR_SCALES, WINDOWS, chance_bound
+from aquafish.online.phases import ACTIONS_BEFORE_ALARM, ERROR_GROWTH
 from aquafish.online.recognition import SAME_GAIT_DIFFERENCE
 from aquafish.online.self_model import (
     ERROR_SIZE,

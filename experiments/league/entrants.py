@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
+from aquafish.online.belief import Water
 from aquafish.online.gaits import load_library, read_library
+from aquafish.online.phases import Episode, Phase
+from aquafish.online.self_model import SelfModel
 from aquafish.online.teacher import Teacher
 from aquafish.online.teacher_gait import TeacherGait
 from aquafish_gym.scenario import CHANNELS
@@ -49,16 +52,23 @@ class Still:
         return (0.0, 0.0, -1.0)
 
 
+class Unwatched(Episode):
+    """An episode in which nothing surprises."""
+
+    watches = False
+
+
 class Blind(SelfModelAgent):
     """The agent that never looks for damage: it only refines the whole robot's gait."""
 
-    def begin(self, fin_angles: ArrayLike | None = None) -> None:
-        """Begin an episode, without watching from the first second on."""
-        super().begin(fin_angles)
-        self._early = None
+    _episode = Unwatched
 
-    def _notice(self, observed: Floats, square: float) -> None:
-        """Notice nothing."""
+
+class Told(Episode):
+    """An episode in which nothing is inferred, since the truth is told."""
+
+    def explain(self, *_: object) -> None:
+        """Infer nothing."""
 
 
 class Oracle(SelfModelAgent):
@@ -67,6 +77,7 @@ class Oracle(SelfModelAgent):
     Like the agent, it refines its gait when calibrated, and after each change.
     """
 
+    _episode = Told
     truth: dict[str, Any] | None = None
 
     def learn(self, info: dict[str, Any]) -> None:
@@ -74,31 +85,37 @@ class Oracle(SelfModelAgent):
         names = dict(zip(TRUTH, FIELDS, strict=True))
         self.truth = {field: np.asarray(info[name])[None] for name, field in names.items()}
 
-    def _observe(self, observed: Floats) -> None:
+    def _observe(self, phase: Phase, observed: Floats) -> Phase:
         if self.truth is None:
-            super()._observe(observed)
-            return
+            return super()._observe(phase, observed)
+        model = phase.model
         stuck = np.zeros((1, len(CHANNELS)), np.bool_)
-        robot = replace(self.model.robot, **self.truth, sensor_stuck=stuck)
+        robot = replace(model.robot, **self.truth, sensor_stuck=stuck)
         # Its sensors have changed already; the rest of it does so now.
         sensors: dict[str, Any] = {
             name: getattr(robot, name) for name in (*FIELDS[2:], "sensor_stuck")
         }
-        self.model.become(replace(self.model.robot, **sensors), self.model.state)
-        super()._observe(observed)
+        model.become(replace(model.robot, **sensors), model.state)
+        phase = super()._observe(phase, observed)
         self.truth = None
-        self.model.become(robot, self.model.state)
-        self._change_gait()
+        phase.model.become(robot, phase.model.state)
+        phase.episode.change_gait(phase.model, phase.water)
+        return phase
 
-    def _infer(self, *_: object) -> None:
-        """Infer nothing."""
+
+class ToldItsTeacher(Told):
+    """The same, in which nothing is swum but a teacher."""
+
+    def change_gait(self, model: SelfModel, water: Water, soon: bool = False) -> None:  # noqa: ARG002
+        """Swim the teacher: in foreign water that of any water."""
+        teachers = self.chooser.teachers
+        self.chooser.swim(TeacherGait.of(teachers[-1 if water.foreign else 0]), model)
 
 
 class ToldTeacher(Oracle):
-    """The oracle that swims nothing but its teacher: in foreign water that of any water."""
+    """The oracle that swims nothing but its teacher."""
 
-    def _change_gait(self, soon: bool = False) -> None:  # noqa: ARG002
-        self._chooser.swim(TeacherGait.of(self.teachers[-1 if self._foreign else 0]), self.model)
+    _episode = ToldItsTeacher
 
 
 def _student(twin: int | str) -> Student:

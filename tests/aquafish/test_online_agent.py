@@ -12,6 +12,7 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online.belief import Water
 from aquafish.online.case import Case
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import imagine, load_library
@@ -138,10 +139,10 @@ def test_swim_until_sets_the_time_for_which_gaits_are_compared() -> None:
         with pytest.raises(InvalidArgumentError, match="seconds"):
             agent.swim_until(wrong)
     agent.swim_until(2.0)  # s since the beginning: now
-    agent._change_gait()
+    agent._phase.episode.change_gait(agent.model, Water())
     assert whats(agent) == []
     agent.swim_until(6.0)
-    agent._change_gait()
+    agent._phase.episode.change_gait(agent.model, Water())
     assert whats(agent) == ["chose"]
 
 

@@ -11,7 +11,8 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.choosing import GaitChooser, Water, predicts
+from aquafish.online.belief import Water, predicts
+from aquafish.online.choosing import GaitChooser
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
