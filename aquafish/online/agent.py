@@ -58,15 +58,6 @@ class SelfModelAgent:
         other; or none. They stand beside the library. None are the packaged ones beside the
         packaged library, and none beside another.
 
-    Attributes
-    ----------
-    model
-        Its :class:`~aquafish.online.self_model.SelfModel`.
-    events
-        What it noticed and decided in this episode.
-    recognised
-        What its last inference that is in use found, with the alternatives; None before.
-
     Examples
     --------
     >>> import gymnasium as gym

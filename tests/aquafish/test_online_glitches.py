@@ -114,7 +114,7 @@ def test_a_channel_without_readings_is_left_out(known: bool) -> None:
     agent, _ = swim(spoil, "left_pectoral:length=0.3@16", known=known)
     assert about(agent, "sensor") == ["gyro_y gives no readings"]
     assert len(about(agent, "alarm")) == 1
-    assert about(agent, "inferred")[-1].startswith("left_pectoral:length=0.3")
+    assert about(agent, "inferred")[-1].startswith("the left flipper has 30% of its length")
     agent.act(np.zeros(9))  # it reads again, and is used again
     assert np.isfinite(agent.model.noise[7])
 
@@ -126,7 +126,9 @@ def test_what_breaks_while_nothing_is_observed_is_found_after_it() -> None:
 
     agent, _ = swim(outage, "caudal:length=0.4@20; right_pectoral:weak=0.5@20", 130)
     found = about(agent, "inferred")[-1]
-    assert found.startswith("right_pectoral:weak=0.5; caudal:length=0.4")
+    assert found.startswith(
+        "the right flipper turns at 50% of its speed and the tail has 40% of its length"
+    )
     assert "_y" not in found  # no sensor is broken
 
 
