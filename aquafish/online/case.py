@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from aquafish.online.recognition import Recognised, recognise
-from aquafish.online.self_model import predict
+from aquafish.online.self_model import noise_of, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.damage import MAXIMUM_FAULTS
 from aquafish_gym.scenario import GYRO_CHANNELS, Scenario
@@ -34,6 +36,37 @@ class Moment(NamedTuple):
     state: Floats  #: (25,) before it.
     action: Floats  #: (3,)
     observed: Floats  #: (9,) after it.
+
+
+class Moments:
+    """The moments of an episode by their numbers; only the latest are kept, for days of swimming.
+
+    Parameters
+    ----------
+    kept
+        How many.
+    begun
+        The first ones.
+    """
+
+    def __init__(self, kept: int, begun: Sequence[Moment] = ()) -> None:
+        self._latest = deque(begun, maxlen=kept)
+        self._count = len(begun)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, moment: Moment) -> None:
+        """Add the next one."""
+        self._latest.append(moment)
+        self._count += 1
+
+    def since(self, first: int) -> list[Moment]:
+        """Return those from a number on, which must not be forgotten."""
+        forgotten = self._count - len(self._latest)
+        if first < forgotten:
+            raise IndexError(f"first must be {forgotten} or later; got {first}")
+        return list(islice(self._latest, first - forgotten, None))
 
 
 @dataclass
@@ -78,16 +111,14 @@ class Case:
         own = math.ceil(len(self.before) * self._starts / CHARGED_STARTS)
         return own + (self.earlier.inferences if self.earlier is not None else 0)
 
-    def explain(
-        self, moments: Sequence[Moment], drift: Floats, gyro_noise: float, hold: int
-    ) -> Recognised:
+    def explain(self, moments: Moments, drift: Floats, gyro_noise: float, hold: int) -> Recognised:
         """Return what explains the moments since the first at which something may have broken.
 
-        ``moments`` are all of the episode; ``drift`` (9,) is the rms error of the model's own
+        ``moments`` are those of the episode; ``drift`` (9,) is the rms error of the model's own
         predictions, and ``gyro_noise`` that of the whole gyroscope, rad/s. If one fault at the
         earlier alarm explains all moments since, that is the answer.
         """
-        found = self._explain_alone(moments[self.first :], drift, gyro_noise, hold)
+        found = self._explain_alone(moments.since(self.first), drift, gyro_noise, hold)
         if self.earlier is None or found.unchanged:
             return found
         again = self.earlier.explain(moments, drift, gyro_noise, hold)
@@ -113,7 +144,7 @@ class Case:
 
 def open_case(
     beliefs: Sequence[tuple[Scenario, Damage]],
-    seen: Sequence[bool],
+    moments: Moments,
     back: int,
     due: list[int],
     recent: Case | None,
@@ -124,8 +155,8 @@ def open_case(
     ----------
     beliefs
         What the robot may have been, and what was broken of it; the present belief first.
-    seen
-        Of each moment, whether anything was observed.
+    moments
+        Of the episode.
     back
         The number of actions before the alarm in which it may have broken.
     due
@@ -133,12 +164,15 @@ def open_case(
     recent
         The case of the first of the alarms before, if any; it is reopened if its fault is believed.
     """
-    step = len(seen)
+    robots = [robot for robot, _ in beliefs]
+    used = np.isfinite(noise_of(robots[0]))
+    step = len(moments)
     first = max(step - 1 - back, 0)
     earliest = max(first - OUTAGE_ACTIONS, 0)
-    while first > earliest and not seen[first - 1]:
+    for moment in reversed(moments.since(earliest)[: first - earliest]):
+        if np.isfinite(moment.observed[used]).any():
+            break
         first -= 1
-    robots = [robot for robot, _ in beliefs]
     case = Case(step, robots, [broken for _, broken in beliefs], first, due)
     believed = recent is not None and recent.before[0] is not robots[0]
     if recent is not None and believed and step - recent.step <= REOPENED_ACTIONS:

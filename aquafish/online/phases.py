@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online.belief import Belief, Trusted, Water, predicts
-from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment, open_case
+from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment, Moments, open_case
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
 from aquafish.online.early import EARLY_DRIFT, EarlyWatch
@@ -51,6 +51,9 @@ CONFIRMING_ACTIONS = 7  # after an alarm; what still fits then is trusted
 FOREIGN_OBSERVATIONS = range(3, 13)
 QUIET_ACTIONS = 50
 WANDERING_OBSERVATIONS = 8  # at most, where a current wanders: predictions are good for 10 actions
+# Before an alarm, and between two that may be of one fault, an explanation looks back this far.
+REMEMBERED_ACTIONS = 100
+MOST_INFERENCES = 40  # of usual length that one takes
 ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
 SURPRISE = "this is not what the self-model predicts"
 UNKNOWN = "none of my hypotheses explains what I observe"
@@ -70,11 +73,21 @@ class Episode:
     chooser: GaitChooser
     readings: ReadingHistory
     events: list[Event]
-    moments: list[Moment] = field(default_factory=list)
+    moments: Moments = field(init=False)
     steps: int = 0  #: Actions so far.
     thoughts: list[Thought[tuple[Case, Recognised]]] = field(default_factory=list)
     #: What its last inference that is in use found, with the alternatives.
     recognised: Recognised | None = None
+
+    def __post_init__(self) -> None:
+        self.moments = self.remembered()
+
+    def remembered(self, begun: Sequence[Moment] = ()) -> Moments:
+        """Return moments of which as many are kept as an explanation may need."""
+        config = self.config
+        longest = max(CALIBRATION_ACTIONS, *config.inferences)
+        thinking = thinking_actions(MOST_INFERENCES * config.inference_seconds, self.dt)
+        return Moments(longest + REMEMBERED_ACTIONS + thinking, begun)
 
     @property
     def dt(self) -> float:
@@ -93,7 +106,7 @@ class Episode:
         self.thoughts.remove(due[0])
         return due[0]
 
-    def explain(self, case: Case, moments: Sequence[Moment], drift: Floats) -> Recognised | None:
+    def explain(self, case: Case, moments: Moments, drift: Floats) -> Recognised | None:
         """Return what explains a case; None if nothing is inferred."""
         return case.explain(moments, drift, self.config.gyro_noise, self.hold)
 
@@ -169,7 +182,7 @@ class Calibrating:
         if case is None:
             return
         began = time.process_time()
-        found = episode.explain(case, early.moments, EARLY_DRIFT)
+        found = episode.explain(case, episode.remembered(early.moments), EARLY_DRIFT)
         if found is None or found.unchanged or not found.fits:
             return
         if self.water.foreign or found.decided or not case.due:
@@ -183,7 +196,8 @@ class Calibrating:
         monitor, drift = calibration.finish(known)
         predicted = True
         if foreign:
-            moments = self.episode.moments[SETTLED_ACTIONS:CALIBRATION_ACTIONS]
+            moments = self.episode.moments.since(SETTLED_ACTIONS)
+            moments = moments[: CALIBRATION_ACTIONS - SETTLED_ACTIONS]
             gyro = np.array([moment.observed[GYRO_CHANNELS] for moment in moments])
             predicted = predicts(drift[GYRO_CHANNELS], gyro)
         water = Water(foreign, predicted, wanders(model))
@@ -203,7 +217,7 @@ class Calibrating:
         early = self._early
         if early is None:
             raise RuntimeError("early must have found what broke")
-        episode.moments = early.moments
+        episode.moments = episode.remembered(early.moments)
         intact = case.before[found.before]
         water = Water(wandering=wanders(early.model))
         model = early.model.copy()
@@ -287,9 +301,8 @@ class Watching:
         beliefs = [(belief.model.robot, belief.damage)]
         if belief.model.robot is not belief.intact:  # what broke may have ended
             beliefs.append((belief.intact, Damage()))
-        seen = [bool(belief.model.used(moment.observed).any()) for moment in episode.moments]
         back = 0 if exact else ACTIONS_BEFORE_ALARM[config.gyro_only]
-        case = open_case(beliefs, seen, back, due or [1], self.first)
+        case = open_case(beliefs, episode.moments, back, due or [1], self.first)
         if case.earlier is None:
             self.first = case
         episode.log("alarm", SURPRISE)
@@ -324,11 +337,11 @@ class Watching:
         moments = self.episode.moments
         if self.water.wandering:  # without corrections it is wrong after two seconds
             belief.model.become(robot, found.start)
-            for moment in moments[found.onset :]:
+            for moment in moments.since(found.onset):
                 belief.model.follow(moment.action, moment.observed)
             return changed
         state = found.state
-        if since := moments[round(event.seconds / self.episode.dt) :]:
+        if since := moments.since(round(event.seconds / self.episode.dt)):
             actions = np.array([moment.action for moment in since])
             state = predict(found.robot, state, actions, self.episode.hold)[1][:, 0]
         belief.model.become(robot, state)

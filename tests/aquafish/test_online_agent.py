@@ -13,7 +13,7 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.belief import Water
-from aquafish.online.case import Case
+from aquafish.online.case import Case, Moment, Moments
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
@@ -223,6 +223,25 @@ def test_where_the_current_wanders_it_is_no_fault_and_a_fault_is_named() -> None
     assert "unknown" not in whats(agent)
     assert re.fullmatch(r"left_pectoral:length=0\.\d+", str(agent.recognised.damage))
     np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.05)
+
+
+def test_a_slow_thinker_uses_what_it_found_seconds_before() -> None:
+    slow = AgentConfig(refinements=0, inference_seconds=4.0)
+    agent, info, _ = swim("caudal:missing@12", 130, slow)
+    (first, *_) = (event for event in agent.events if event.what == "inferred")
+    assert first.about == "the tail is missing"
+    np.testing.assert_array_equal(agent.model.robot.body[0], info["morphology"])
+
+
+def test_only_the_latest_moments_are_kept() -> None:
+    moments = Moments(3)
+    for k in range(10):
+        moments.append(Moment(np.full(25, k), np.zeros(3), np.zeros(9)))
+    assert len(moments) == 10
+    assert [moment.state[0] for moment in moments.since(8)] == [8, 9]
+    assert len(moments.since(7)) == 3
+    with pytest.raises(IndexError, match="first must be 7 or later; got 6"):
+        moments.since(6)
 
 
 def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() -> None:
