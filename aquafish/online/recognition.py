@@ -42,7 +42,9 @@ class Recognised:
     current
         Velocity (3,) in units/s with which the water began to flow; empty if it did not.
     sensors
-        What is broken of its sensors, in words.
+        What is broken of its sensors.
+    odd
+        Channels that observe something else than they should, for no reason known here.
     robot
         What it became, its sensors included: a scenario of one.
     onset, start
@@ -63,7 +65,8 @@ class Recognised:
     damage: Damage
     before: int
     current: tuple[float, ...]
-    sensors: tuple[str, ...]
+    sensors: Damage
+    odd: tuple[str, ...]
     robot: Scenario
     onset: int
     start: Floats
@@ -76,7 +79,7 @@ class Recognised:
     @property
     def whole(self) -> bool:
         """Whether nothing of it is broken."""
-        return not self.damage and not self.sensors
+        return not (self.damage or self.sensors or self.odd)
 
     @property
     def unchanged(self) -> bool:
@@ -89,7 +92,9 @@ class Recognised:
         fins = self.damage.said() if self.damage else ""
         speeds = ", ".join(f"{speed:z.2f}" for speed in self.current)
         water = f"a current of ({speeds}) units/s began" if speeds else ""
-        parts = (fins, water, *self.sensors)
+        sensors = self.sensors.said() if self.sensors else ""
+        odd = f"{' and '.join(self.odd)} cannot be explained" if self.odd else ""
+        parts = (fins, water, sensors, odd)
         return " and ".join(filter(None, parts)) or Damage().said()
 
 
@@ -135,17 +140,18 @@ def recognise(
     robot, sensors, odd = with_sensors(robot, errors, silent, search.zero, search.noise, tolerance)
     left = observed[onset:] - predicted[0] - robot.sensor_bias[0]
     fits = not odd and leaves_noise(left, FIT_MARGIN * np.hypot(noise_of(robot), drift))
-    something = bool(damage or likeliest.current or sensors)
+    something = bool(damage or likeliest.current or sensors or odd)
     return Recognised(
         damage=damage,
         before=b,
         current=likeliest.current,
         sensors=sensors,
+        odd=odd,
         robot=robot,
         onset=onset,
         start=start[:, 0],
         state=ended[:, 0],
-        explained=odd <= max(1, int(used.sum()) // 3),
+        explained=len(odd) <= max(1, int(used.sum()) // 3),
         decided=search.decided(likeliest) and not odd and (something or fits),
         fits=fits,
         alternatives=search.alternatives(),

@@ -39,8 +39,8 @@ def repeated_channels(observed: Floats) -> tuple[Flags, Flags]:
 
 def with_sensors(
     robot: Scenario, errors: Floats, silent: Flags, zero: Flags, expected: Floats, tolerance: Floats
-) -> tuple[Scenario, tuple[str, ...], int]:
-    """Return a robot with the sensors that errors (K, 9) show, in words, and how many are odd.
+) -> tuple[Scenario, Damage, tuple[str, ...]]:
+    """Return a robot with the sensors that errors (K, 9) show, what broke, and the odd channels.
 
     Errors of what was not observed are NaN. ``expected`` (9,) is the rms error of whole channels.
     An odd channel observes something else than its robot should, for no reason known here. It is
@@ -59,7 +59,7 @@ def with_sensors(
     gain = 0.5 * count * np.log1p(mean**2 / around)
     plain = steady & (gain > BIAS_COST + 0.5 * np.log(count)) & (mean**2 > BIAS_RATIO**2 * around)
     biased |= plain & ~silent & (count >= FEWEST_BIAS_OBSERVATIONS)
-    words = list[str]()
+    faults = list[Fault]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
     heard = (
         ~(silent | biased)[GYRO_CHANNELS]
@@ -73,19 +73,16 @@ def with_sensors(
         louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
         if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
             noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
-            words = [Damage((Fault("gyro", "noise", float(noise[0])),)).said()]
-    kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
+            faults.append(Fault("gyro", "noise", float(noise[0])))
+    kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased}
     for name, flags in kinds.items():
         for i in np.flatnonzero(flags):
-            if name == "odd":
-                words.append(f"{CHANNELS[i]} is not what it should be")
-            else:
-                number = float(mean[i]) if name == "bias" else None
-                words.append(Damage((Fault(CHANNELS[i], name, number),)).said())
+            faults.append(Fault(CHANNELS[i], name, float(mean[i]) if name == "bias" else None))
     sensors = {
         "gyro_noise": noise,
         "sensor_bias": robot.sensor_bias + np.where(biased, mean, 0.0),
         "sensor_dropped": robot.sensor_dropped | kinds["dropped"],
         "sensor_stuck": robot.sensor_stuck | kinds["stuck"] | odd,
     }
-    return replace(robot, **sensors), tuple(words), int(odd.sum())
+    odd_channels = tuple(CHANNELS[i] for i in np.flatnonzero(odd))
+    return replace(robot, **sensors), Damage(tuple(faults)), odd_channels

@@ -158,7 +158,7 @@ def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[in
         page.wait("[...document.images].every(image => image.naturalWidth > 0)")
         assert page.value("document.images.length") == 2
         title = page.value("document.querySelector('h1').textContent")
-        assert title.startswith("The left flipper has lost 50% of its length.")
+        assert title.startswith("The left flipper has 50% of its length.")
         assert "joint-fins" in title  # a row of the plot below
         edges = "[...document.images].map(image => image.getBoundingClientRect().right)"
         assert max(page.value(edges)) <= size[0]  # whole, not cut off
