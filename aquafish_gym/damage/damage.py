@@ -115,7 +115,7 @@ class Damage:
     def said(self, whose: str = "the ") -> str:
         """Return what is broken in words, for people; ``str`` is for programs.
 
-        ``whose`` stands before the name of a fin: ``my ``.
+        ``whose`` is what stands before the name of a fin, with a space: "my ".
 
         Examples
         --------

@@ -149,7 +149,9 @@ def goodness_of_fit(
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 
-LOUD_JITTER = 0.1  # of the noise: of more, intervals may be too narrow
+# Of the noise: of more, intervals may be too narrow. In all of a hundred samples alike, it moves a
+# number by half of its sd.
+LOUD_JITTER = 0.05
 TOO_LOUD_JITTER = 1.0  # of the noise: of more, they are; kinks and strong bends look like less
 
 

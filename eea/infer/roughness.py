@@ -36,6 +36,7 @@ TENTH = 0.1  # of a range: the first step past the end of a plateau
 HALVINGS = 20  # that find the end of a plateau
 SAME_SHARE = 1e-6  # of the change by a tenth of the range: by less a signal is the same
 LEAST_PLATEAU = 1e-4  # of a range; narrower ones are roughness
+TOO_ROUGH = 1.0  # of the noise: a solver is not as rough, within a number's sds
 REPEATED_SHARE = 1e-6  # of the noise: numbers that differ by less are the same
 
 
@@ -135,13 +136,13 @@ def look(regression: Regression, theta: Floats, weight: float) -> Roughness:
             if found is not None:
                 widths[slot] = found[1] - found[0]
                 continue
-        if step == shortest:
-            too_wide.add(int(slot))
         fourth = float(np.linalg.norm(np.diff(line, 4, axis=0)))
         unit = (70.0 * slope.size) ** 0.5
         rough = near.rough_step(slot, step, fourth)
         if rough is not None:
             steps[slot], fourth = rough
+        if step == shortest and fourth > TOO_ROUGH * unit:
+            too_wide.add(int(slot))
         if rough is not None or step < LARGEST_STEP:  # a number that is known, within its sds
             jitter = max(jitter, fourth / unit)
     unrepeated = unrepeated if unrepeated > REPEATED_SHARE else 0.0
