@@ -113,6 +113,8 @@ class Film(Given):
             "label": self.label or [""],
         }
         for name, values in given.items():
+            if not values:
+                raise InvalidArgumentError(f"{name} must have one value or more; got none")
             if len(values) not in (1, fish):
                 raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
         several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)

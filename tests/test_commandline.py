@@ -145,6 +145,8 @@ def test_a_file_without_its_option_is_answered_with_the_option(
         assert said == "fish: unexpected argument 'swim.csv'; did you mean --log swim.csv?\n"
     assert run_command_line("fish", Infer, ["--log", "swim.csv", "other.csv"]) == 2
     assert capsys.readouterr().err == "fish: unexpected argument 'other.csv'\n"
+    assert run_command_line("fish", Infer, []) == 2
+    assert capsys.readouterr().err == "fish: --log must be given: see --help\n"
 
 
 def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,7 +173,7 @@ def test_damage_has_one_name_and_keeps_the_old_one(capsys: pytest.CaptureFixture
         ),
         ("--far long", "--far must be a number; got 'long'"),
         ("--fish few", "--fish must be a whole number; got 'few'"),
-        ("--far", "Missing value for argument '--far'. Expected 1 values."),
+        ("--far", "--far must have a value; got none"),
         ("far", "unexpected argument 'far'"),
         ("-- --far 2", "unexpected argument '--'; leave it out"),
         ("--far 2 --", "unexpected argument '--'; leave it out"),

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin, get_type_hints
 
 import tyro
 from tyro.conf import arg
@@ -325,18 +325,18 @@ def _given(words: Sequence[str]) -> dict[str, str]:
 def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
     """Return the message in tyro's box as one line, with the nearest option or choice."""
     options = option_names(command)
+    lacking = [
+        name
+        for field in inspect.signature(command).parameters.values()
+        if field.default is field.empty
+        and (name := f"--{option_name(field.name)}") in options
+        and not any(word.partition("=")[0] == name for word in words)
+    ]
     rows = [row.strip("│╭╮╰╯ ") for row in box.splitlines()[1:]]  # without the title
     text = " ".join(filter(None, rows))
     message = next(filter(None, re.split(r" *[─-]{9,} *", text)), text)
     if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
         if not found[1].startswith("-"):
-            lacking = [
-                name
-                for field in inspect.signature(command).parameters.values()
-                if field.default is field.empty
-                and (name := f"--{option_name(field.name)}") in options
-                and not any(word.partition("=")[0] == name for word in words)
-            ]
             hint = f"; did you mean {lacking[0]} {found[1]}?" if lacking else ""
             return f"unexpected argument {found[1]!r}{hint}"
         nearest = difflib.get_close_matches(found[1], options, n=1)
@@ -349,8 +349,36 @@ def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
     if found := re.match(
         r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
     ):
-        one_of(found[2], found[1], re.findall(r"'(.*?)'", found[3]))
+        one_of(found[2], found[1], _in_order(re.findall(r"'(.*?)'", found[3]), command))
+    if found := re.match(r"Missing value for argument '(\S+)'", message):
+        return f"{found[1]} must have a value; got none"
+    if message.startswith("Missing from ") and lacking:
+        return f"{' and '.join(lacking)} must be given: see --help"
     return message
+
+
+def _in_order(choices: Sequence[str], command: type[Command]) -> list[str]:
+    """Return an option's choices as its type lists them, without None.
+
+    tyro has those of an option that may be None in another order in each process.
+    """
+    if "None" not in choices:
+        return list(choices)
+    known = {one for one in choices if one != "None"}
+    for hint in get_type_hints(command).values():
+        for listed in _literals(hint):
+            if known == set(listed):
+                return listed
+    return sorted(known)
+
+
+def _literals(hint: Any) -> Iterator[list[str]]:
+    """Yield the words of each Literal in a type."""
+    if get_origin(hint) is Literal:
+        yield list(map(str, get_args(hint)))
+    else:
+        for part in get_args(hint):
+            yield from _literals(part)
 
 
 def _fail(program: str, sentence: str, code: int) -> int:

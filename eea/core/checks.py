@@ -83,7 +83,7 @@ def callback(argument: str, value: object) -> None:
 def all_of(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
     """Return a list or tuple of instances of ``kind`` as a tuple; refuse anything else."""
     sound = isinstance(value, list | tuple) and all(isinstance(one, kind) for one in value)
-    _require(sound, argument, f"a tuple of type {kind.__name__}", value)
+    _require(sound, argument, f"a list or tuple of {_plural(kind)}", value)
     return tuple(value)
 
 
@@ -92,7 +92,13 @@ def mapping(argument: str, value: object, kind: type) -> None:
     sound = isinstance(value, Mapping) and all(
         isinstance(name, str) and isinstance(one, kind) for name, one in value.items()
     )
-    _require(sound, argument, f"a mapping from names to {kind.__name__}", value)
+    _require(sound, argument, f"a mapping from names to {_plural(kind)}", value)
+
+
+def _plural(kind: type) -> str:
+    """Return what some values of a type are called."""
+    names: dict[type, str] = {str: "text", numbers.Real: "numbers"}
+    return names.get(kind, kind.__name__)
 
 
 def at_most(argument: str, value: float, bound: str, limit: float) -> None:

@@ -60,7 +60,8 @@ def descend(
     per_square = 0.5 / sigma**2
     theta = parameters.into_bounds(theta)
     squares = misfit.squares(theta)
-    cost = per_square * squares + parameters.prior_cost(theta)
+    with np.errstate(invalid="ignore"):  # sigma is infinite where no simulation stays finite
+        cost = per_square * squares + parameters.prior_cost(theta)
     damping = np.full(len(theta), FIRST_DAMPING)
     small = np.zeros(len(theta), dtype=np.intp)
     live = np.flatnonzero(np.isfinite(cost) & (cost > 0.0))

@@ -152,6 +152,8 @@ class Identified:
     untold: Mapping[str, tuple[str, ...]]
     #: The numbers and sums that several answers tell differently, with the value of each.
     several: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    #: Whether earlier trials told of the numbers, too, so that they may be known all the same.
+    known_before: bool = False
 
     @property
     def findings(self) -> list[str]:
@@ -173,7 +175,8 @@ class Identified:
             f"{name}, with which {' and '.join(others)} would change" if others else name
             for name, others in self.untold.items()
         ]
-        return said + ([f"not measured: {'; '.join(each)}"] if each else [])
+        what = "hardly better known than before" if self.known_before else "not measured"
+        return said + ([f"{what}: {'; '.join(each)}"] if each else [])
 
 
 class Prospect(NamedTuple):
@@ -344,7 +347,7 @@ def _identified(known: _Known, trials: Floats) -> Identified:
         told.append(one)
         for j in free[seen]:
             moved[names[j]] = (*moved[names[j]], names[i])
-    return Identified(tuple(told), moved, several)
+    return Identified(tuple(told), moved, several, parameters.robot.prior is not None)
 
 
 def _spread(covariance: Floats, i: int, free: NDArray[np.intp], follows: Floats) -> float:

@@ -167,9 +167,9 @@ def window_of(
 ) -> Regression:
     """Return a log of a robot, to be fitted near its prior; ``groups`` None are all."""
     robot = replace(robot, hypotheses=())
-    if isinstance(log, Trial):
+    if not isinstance(log, Observed):
+        instance("log", log, Trial)
         log = Observed.of([log], robot)
-    instance("log", log, Observed)
     finite("signal", log.signal, (1, None, len(robot.channels)))
     parameters = Unknowns.of(robot, 1, robot.groups if groups is None else groups)
     return Regression(parameters, replace(log, noise=noise), sigma, roughness=roughness)

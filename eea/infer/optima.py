@@ -190,5 +190,7 @@ def unique(
         if not kept or apart.max(axis=1).min() > same:
             kept.append(i)
     if not kept:
-        raise TargetError("no values were found with a simulation that stays finite")
+        raise TargetError(
+            "simulate must return a signal that stays finite for some values; none were found"
+        )
     return ordered.of(kept)

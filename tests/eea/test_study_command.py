@@ -201,6 +201,11 @@ REFUSED = [
     (["--conditions"], "either --figure or"),
     (["--figure", "7", "--in-band.best", "x"], "--in-band.best must have values .*; got 'x'"),
     (["--figure", "7", "--rounds", "x"], "--rounds must have values .*; got 'x'"),
+    (["--figure", "12"], "--figure must be one of 5, 6, 7, 8, 9, 10, all; got '12'"),
+    (
+        ["--conditions", "in-bnd"],
+        "must be one of ideal, none, in-band, out-of-band, recovery, joint; got 'in-bnd'; did you",
+    ),
     (["--figure", "5", "--step", "64"], "unknown option --step; did you mean --steps"),
 ]
 

@@ -63,6 +63,7 @@ def test_one_controller_swims_with_several_damages(
     ("words", "sentence"),
     [
         (["--label", "a", "b", "--damage", "none", "none", "none"], "label must be 1 or 3"),
+        (["--damage"], "damage must have one value or more; got none"),
         (["--out", "a.avi"], "suffix"),
         (["--damage", "tail:missing"], "damage part"),
         (

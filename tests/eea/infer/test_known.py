@@ -225,3 +225,21 @@ def test_hypotheses_that_explain_alike_leave_a_number_open():
     assert alone["a"][2] - alone["a"][1] < 0.05
     with pytest.raises(ConfigurationError, match="two hypotheses explain the log, with other"):
         found.known()
+
+
+@WAYS
+def test_logs_in_a_list_are_no_log_to_test(way):
+    with pytest.raises(ConfigurationError, match=r"log must be of type Trial; got \["):
+        way().test([measured(np.random.default_rng(0))])
+
+
+def test_what_a_log_adds_nothing_to_is_not_called_unmeasured():
+    """A log that tells less than what is known leaves it as well known as before."""
+    logs = [measured(np.random.default_rng(seed)) for seed in range(3)]
+    known = SOUGHT.infer(logs, config=QUICK, noise=NOISE).known()
+    found = known.infer([measured(np.random.default_rng(3))], config=QUICK)
+    assert found.good
+    said = [words for words in found.findings if words.startswith("hardly better known than")]
+    assert len(said) == 1
+    assert "gain" in said[0]
+    assert not any("not measured" in words for words in found.findings)

@@ -178,7 +178,7 @@ def test_a_log_is_judged_by_how_well_known_good_ones_are_explained():
     ("change", "message"),
     [
         ({"known_good": []}, "known_good must be two logs or more; got 0"),
-        ({"known_good": 3}, "known_good must be a tuple of type Trial; got 3"),
+        ({"known_good": 3}, "known_good must be a list or tuple of Trial; got 3"),
         ({"known_good": [ONE_ROW, ONE_ROW]}, "known_good must have more samples than the"),
         ({"sessions": ["a"]}, "sessions must be one label for each of 2 logs, such as"),
         ({"sessions": 3}, "sessions must be one label for each of 2 logs"),
