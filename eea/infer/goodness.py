@@ -253,7 +253,7 @@ def autocorrelation(
     """Return the autocorrelations (lags,) of trials' residuals (T, axes), and white noise's sd.
 
     Deviations are from zero, not from the mean: a constant residual is an error. An axis of a trial
-    with an rms up to ``floor`` is left out.
+    with an rms up to ``floor`` is left out. A residual of 0 is a missing one, of no pair.
     """
     above = np.zeros(lags)
     weight = 0.0
@@ -263,14 +263,17 @@ def autocorrelation(
         powers = (trial**2).sum(axis=0)
         used = trial[:, powers > length * floor**2]
         powers = powers[powers > length * floor**2]
+        there = used != 0.0
+        counts = there.sum(axis=0)
         for lag in range(1, min(lags, length - 1) + 1):
             products = (used[lag:] * used[:-lag]).sum(axis=0)
-            above[lag - 1] += length * float((products / powers).sum())
-            variance[lag - 1] += len(powers) * length * (length - lag) / (length + 2.0)
-        weight += length * len(powers)
+            pairs = (there[lag:] & there[:-lag]).sum(axis=0)
+            above[lag - 1] += float((counts * products / powers).sum())
+            variance[lag - 1] += float((counts * pairs / (counts + 2.0)).sum())
+        weight += float(counts.sum())
     if not weight:
         return np.zeros(lags), np.ones(lags)
-    return above / weight, np.sqrt(variance) / weight
+    return above / weight, np.sqrt(np.where(variance > 0.0, variance, weight)) / weight
 
 
 def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:

@@ -3,7 +3,8 @@
 Each leaves equal readings in the log that no noise makes. The best fit tells them from a signal
 that is constant, and from counts and switches, whose noise is a step or more.
 
-- Readings that are **held** are the first of each that are equal; the others tell nothing.
+- Readings that are **held**, because a sensor is slower than the log, a robot rests, or rows were
+  filled up, are the first of each that are equal; the others tell nothing.
 - Readings **at an end** are no readings of the signal, nor are those that noise kept from it: where
   the simulated signal is that near, or beyond, all are left out.
 - A reading in **steps** h is off by up to half a step, and as far whenever the signal passes alike.
@@ -32,7 +33,10 @@ FAR_ERROR = 0.75  # of a step
 # or count is all of the variance.
 MOST_FAR = 0.25
 SWITCH_VARIANCE = 0.12  # in steps squared: a switch of less is off by nearly a step at times
-REGULAR_SHARE = 0.9  # of the times for which a held reading stays
+FINE_STEP = 0.25  # of what neighbouring residuals differ by: steps that are less make few equal
+# Of readings in fine steps that are as the one before, beside the commonest, as often as by chance.
+LEAST_HELD_SHARE = 0.2
+HELD_RATIO = 2.0
 LEAST_AT_END = 5  # readings at an end of a channel
 LEAST_END_SHARE = 0.02  # of the readings
 END_RATIO = 5.0  # times the number of the commonest other reading
@@ -47,7 +51,7 @@ class Recorded(NamedTuple):
 
     channel: int
     kind: str  #: "steps", "held", or "end".
-    value: float  #: The step, the number of rows for which a reading stays, or the end.
+    value: float  #: The step, or the end.
     rows: int  #: How many readings are concerned, in all trials,
     of: int  #: of how many.
 
@@ -66,7 +70,8 @@ def recorded(optima: Optima) -> list[Recorded]:
         there = observed.there[:, :, c]
         values = observed.signal[:, :, c][there]
         levels, counts = np.unique(values, return_counts=True)
-        if counts.max(initial=0) < LEAST_AT_END:
+        again = _again(observed, c)
+        if max(counts.max(initial=0), again.sum()) < LEAST_AT_END:
             continue  # no simulation is needed
         signal = optima.signal[:, :, c]
         apart = signal[there] - values
@@ -74,17 +79,27 @@ def recorded(optima: Optima) -> list[Recorded]:
             continue
         count = len(values)
         step = _step(levels)
-        if step and _are_rounded(observed, c, apart / step, len(levels)):
+        pairs = there[:, 1:] & there[:, :-1] & ~again[:, 1:]
+        changes = np.diff(signal - observed.signal[:, :, c], axis=1)[pairs]
+        changed = float(changes.std()) if len(changes) else 0.0
+        fine = not step or step < FINE_STEP * changed
+        if not fine and _are_rounded(observed, c, apart / step, len(levels)):
             found.append(Recorded(c, "steps", step, count, count))
-        elif not step and (rows := _rows_held(observed, c, signal)):
-            found.append(Recorded(c, "held", float(rows), count, count))
         elif len(levels) > LEAST_LEVELS:
+            moved = np.abs(np.diff(signal, axis=1, prepend=signal[:, :1]))
+            rests = moved <= ROUNDING * np.ptp(levels)
             least = max(LEAST_AT_END, LEAST_END_SHARE * count, END_RATIO * counts[1:-1].max())
             for end, outward in ((0, -1.0), (-1, 1.0)):
                 value = float(levels[end])
+                at = there & (observed.signal[:, :, c] == value)
                 beyond = outward * apart[values == value] >= 0.0
-                if counts[end] >= least and (not step or beyond.mean() > LEAST_EQUAL_SHARE):
+                if counts[end] < least or beyond.mean() <= LEAST_EQUAL_SHARE:
+                    continue
+                if rests[again & at].sum() <= 0.5 * (again & at).sum():
                     found.append(Recorded(c, "end", value, int(counts[end]), count))
+                    again &= ~at
+            if fine and _are_held(again, observed.signal[:, :, c], step and step / changed):
+                found.append(Recorded(c, "held", 0.0, int(again.sum()), count))
     return found
 
 
@@ -169,16 +184,22 @@ def _are_rounded(observed: Observed, channel: int, apart: Floats, levels: int) -
     return bool(few and runs < (1.0 - LEAST_EQUAL_SHARE) * len(apart))
 
 
-def _rows_held(observed: Observed, channel: int, signal: Floats) -> int:
-    """Return for how many rows each reading is held, as a slow sensor's is; 0 if none is."""
-    lengths = []
-    moving = []
-    for trial, places, starts, ends in _runs(observed, channel):
-        lengths.append((ends - starts)[1:-1])  # the first and the last may have been cut off
-        held = np.setdiff1d(np.arange(1, len(places)), starts)
-        moving.append(signal[trial, places[held]] != signal[trial, places[held - 1]])
-    rows = np.concatenate(lengths)
-    if len(rows) < LEAST_LEVELS or (middle := int(np.median(rows))) < 2:
-        return 0
-    regular = (np.abs(rows - middle) <= max(1.0, 0.1 * middle)).mean() >= REGULAR_SHARE
-    return middle if regular and np.concatenate(moving).mean() > 0.5 else 0
+def _again(observed: Observed, channel: int) -> NDArray[np.bool_]:
+    """Return which readings (E, T) are the same as the one before."""
+    again = np.zeros(observed.signal.shape[:2], np.bool_)
+    for trial, places, starts, _ in _runs(observed, channel):
+        again[trial, np.delete(places, starts)] = True
+    return again
+
+
+def _are_held(again: NDArray[np.bool_], values: Floats, step: float) -> bool:
+    """Return whether readings that are the same as the one before (E, T) are so by no chance.
+
+    Two readings in a fine ``step``, in sds of their difference, are the same with the chance
+    step / sqrt(2 pi). A count or a signal at rest is the same at one level.
+    """
+    if not step:
+        return bool(again.sum() >= LEAST_AT_END)
+    _, counts = np.unique(values[again], return_counts=True)
+    others = float(counts.sum() - counts.max(initial=0)) / again.size
+    return others > max(LEAST_HELD_SHARE, HELD_RATIO * float(step / np.sqrt(2.0 * np.pi)))

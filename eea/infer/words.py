@@ -263,10 +263,15 @@ def of_recorder(found: Sequence[Recorded], robot: RobotModel, mended: bool) -> l
         value = f"{one.value:g} {robot.channel_units[name]}".strip()
         if one.kind == "steps":
             words = f"the readings of {name} come in steps of {value}, wider than the noise: "
-            wider = "its noise counts as louder" if mended else "the intervals may be too narrow"
+            wider = (
+                "they count as rounded to the nearest, neither down nor towards 0, and their noise "
+                "as louder"
+                if mended
+                else "the intervals may be too narrow"
+            )
         elif one.kind == "held":
-            words = f"{name} repeats each reading for {one.value:g} rows: "
-            wider = "the first of them counts" if mended else "give the rows between as NaN"
+            words = f"{name} repeats the reading before in {one.rows} of {one.of} rows: "
+            wider = "they are left out" if mended else "give them as NaN"
         else:
             words = f"{name} is at its end, {value}, in {one.rows} of {one.of} rows: "
             wider = "they are left out" if mended else "give them as NaN"

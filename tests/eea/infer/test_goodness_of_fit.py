@@ -80,6 +80,17 @@ def test_autocorrelations_are_those_of_an_autoregressive_process():
     assert spread == pytest.approx(np.full(5, noise.size**-0.5), rel=0.01)
 
 
+def test_noise_with_most_samples_missing_is_noise():
+    rng = np.random.default_rng(0)
+    fits = []
+    for _ in range(300):
+        noise = rng.normal(size=(1, 200, 1))
+        noise[:, 15:-15] = 0.0
+        fits.append(goodness_of_fit(noise, 2, missing=170))
+    assert sum(fit.whiteness_p < 0.05 for fit in fits) <= 27  # of 15
+    assert sum(not fit.good for fit in fits) <= 2
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 def test_correlated_samples_are_worth_fewer(share):
     noise = np.random.default_rng(0).normal(size=(6, 4000, 3))

@@ -49,8 +49,8 @@ def test_intervals_hold_where_readings_come_in_steps():
         found = CART.infer([Trial(rounded(signal, 0.5), push)], config=QUICK)
         assert found.good, found.verdict
         assert found.findings[-2:] == [
-            f"the readings of {name} come in steps of 0.5 {unit}, wider than the noise: its noise "
-            "counts as louder"
+            f"the readings of {name} come in steps of 0.5 {unit}, wider than the noise: they count "
+            "as rounded to the nearest, neither down nor towards 0, and their noise as louder"
             for name, unit in CART.channels.items()
         ]
         for name, (_, low, high) in found.table(MASS).items():
@@ -99,7 +99,32 @@ def test_a_channel_at_its_end_is_named():
 def test_a_held_reading_is_named():
     _, push, signal = drawn(np.random.default_rng(4), 0.2)
     signal[:, 1] = np.repeat(signal[::5, 1], 5)
-    said = "gauge repeats each reading for 5 rows: the first of them counts"
+    said = "gauge repeats the reading before in 160 of 200 rows: they are left out"
     assert said_of(signal, push) == (said,)
     signal[np.arange(ROWS) % 5 > 0, 1] = np.nan
     assert said_of(signal, push) == ()
+
+
+@pytest.mark.parametrize("kind", ["two rows", "decimals", "by chance", "rest", "filled up"])
+def test_intervals_hold_where_readings_are_repeated(kind):
+    held = good = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        truth, push, signal = drawn(rng, 0.2)
+        if kind == "rest":
+            push[40:] = 0.0  # 160 readings at rest, without noise
+            values = {name: np.array([value]) for name, value in truth.items()}
+            noise = np.where(push == 0.0, 0.0, 0.2 * rng.normal(size=ROWS))
+            signal = roll(values, push[None])[0] + noise[:, None]
+        elif kind == "filled up":
+            signal[150:] = signal[149]
+        else:
+            again = np.arange(ROWS) % 2 > 0 if kind != "by chance" else rng.random(ROWS) < 0.5
+            fresh = np.maximum.accumulate(np.where(again, 0, np.arange(ROWS)))
+            signal = signal[fresh] if kind != "decimals" else np.round(signal[fresh], 3)
+        found = CART.infer([Trial(signal, push)], config=QUICK)
+        good += found.good
+        assert all("they are left out" in said for said in found.findings[-2:])
+        held += sum(low <= truth[n] <= high for n, (_, low, high) in found.table(MASS).items())
+    assert good >= 28
+    assert held >= 75  # of 90: 90% intervals
