@@ -54,6 +54,7 @@ def fit(
     progress: Callable[[str], None] | None = None,
     doubt: Callable[[Optima], bool] | None = None,
     usual: Floats | None = None,
+    samples: int = 0,
 ) -> Answer:
     """Return the posterior of a robot's numbers and hypotheses, given trials.
 
@@ -86,6 +87,8 @@ def fit(
     usual
         The misfits of known-good logs (n,), by which it is judged whether a hypothesis explains the
         trials; None judges by whether it leaves white noise.
+    samples
+        The number of samples behind the noise of ``config``, if it is an estimate.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def fit(
 
     def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
         parameters = Unknowns.of(robot, len(observed), groups, hypothesis)
-        regression = Regression(parameters, observed, config.noise, usual, roughness)
+        regression = Regression(parameters, observed, config.noise, usual, roughness, samples)
         before = start.optima.get(hypothesis.name)
         once = not start.explained or robot.prior is not None  # a misfit means a change
         known = None if before is None else carried_over(before, parameters)[:1]

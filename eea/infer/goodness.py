@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc, log_ndtr, stdtr
+from scipy.special import chdtrc, fdtrc, log_ndtr, stdtr
 
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, finite
@@ -61,12 +61,14 @@ def goodness_of_fit(
     loudest: float = math.inf,
     missing: int = 0,
     what: str = "robot",
+    samples: int = 0,
 ) -> Goodness:
     """Test the residuals (T, axes) of each trial for being white noise.
 
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
-    samples minus parameters. Whiteness: a portmanteau test (Ljung and Box 1978) of the
-    autocorrelations, averaged over trials and axes, where a model's errors add up. A fit of P
+    samples minus parameters, or an F distribution where sigma is an estimate. Whiteness: a
+    portmanteau test (Ljung and Box 1978) of the autocorrelations, averaged over trials and axes,
+    where a model's errors add up. A fit of P
     parameters leaves N white samples with correlations of -P / (N - P) at most on average, by
     which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
     false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
@@ -94,6 +96,8 @@ def goodness_of_fit(
         How many samples are missing.
     what
         What the verdict calls that which explains the log, or does not.
+    samples
+        Number of samples behind ``sigma``, where it is an estimate.
 
     Raises
     ------
@@ -121,7 +125,11 @@ def goodness_of_fit(
     size_p = None
     tests = {}  # complaint: p-value
     if sigma is not None:
-        size_p = float(chdtrc(count - parameters, squares / sigma**2))
+        freedom = count - parameters
+        size = squares / sigma**2
+        size_p = float(
+            fdtrc(freedom, samples, size / freedom) if samples else chdtrc(freedom, size)
+        )
         tests[f"{rms / sigma:.3g} times the noise"] = size_p
     whiteness_p = 1.0
     if shortest > LAGS:

@@ -362,6 +362,7 @@ class Known:
             rng,
             progress=progress,
             usual=self.misfits,
+            samples=self.samples,
         )
         caveats = (*found.caveats, *self.findings)
         return replace(found, samples=self.samples, caveats=caveats)
@@ -407,7 +408,7 @@ class Known:
         seed: int = 0,
     ) -> Follower:
         """Return what follows the numbers from here through a log; see :class:`Follower`."""
-        return Follower(self.robot, self.channel_noise, alarm, drift, seed)
+        return Follower(self.robot, self.channel_noise, alarm, drift, seed, self.samples)
 
     @property
     def channel_noise(self) -> Noise:
@@ -670,6 +671,8 @@ class Follower:
         its unit. Without it the intervals shrink forever, and a slow change raises the alarm.
     seed
         Of random starting points.
+    samples
+        The number of samples behind the noise, where it is an estimate.
 
     Raises
     ------
@@ -705,6 +708,7 @@ class Follower:
         alarm: float = FALSE_ALARM_RATE,
         drift: Mapping[str, float] | None = None,
         seed: int = 0,
+        samples: int = 0,
     ) -> None:
         instance("robot", robot, RobotModel)
         check_alarm(alarm)
@@ -718,6 +722,7 @@ class Follower:
         self._robot = robot
         self._noise = known_noise(noise, robot)
         self._alarm = alarm
+        self._samples = samples
         self._rng = np.random.default_rng(seed)
         self._seed = seed
         self._known: Prior | None = None
@@ -760,7 +765,7 @@ class Follower:
         else:
             typical = parameters.into_bounds(parameters.prior_mean[None])
             best = descend(regression.misfit(FINE), typical, 1.0, 20, 1e-4)
-        p = judged(regression, float(best.cost[0]), 0, self._alarm).p
+        p = judged(regression, float(best.cost[0]), self._samples, self._alarm).p
         innovation = self._innovation(regression, best.theta[0])
         if p >= self._alarm:
             self._doubted = False

@@ -319,6 +319,7 @@ class Regression:
     noise: float | None  #: Its standard deviation if it is known, in the signal's unit.
     usual: Floats | None = None  #: The misfits of known-good logs, by which this one is judged.
     roughness: Roughness | None = None  #: That of the simulator; None before it is looked at.
+    samples: int = 0  #: The number of samples behind ``noise``; 0 where it is known.
     seen: Seen = field(default_factory=Seen)
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:

@@ -123,6 +123,7 @@ class Optima:
             robot.loudest,
             observed.missing,
             robot.noun,
+            regression.samples,
         )
         return replace(found, unexplained=found.rms / regression.rms)
 

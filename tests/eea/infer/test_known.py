@@ -85,6 +85,21 @@ def test_the_chance_is_uniform_where_the_robot_is_the_same():
     assert kstest(p, "uniform").pvalue > 0.01
 
 
+def test_noise_that_few_samples_told_raises_no_false_alarm():
+    rng = np.random.default_rng(8)
+    alarms = np.zeros(3)
+    for _ in range(100):
+        known = SOUGHT.infer([measured(rng)], config=QUICK).known()
+        log = measured(rng)
+        p = (
+            known.test(log).p,
+            known.follow().update(log).p,
+            known.infer([log], config=QUICK).goodness.size_p,
+        )
+        alarms += np.array(p) < 0.01
+    assert (alarms <= 3).all()  # by chi-square follow() and infer() raise it 5 times
+
+
 def test_a_number_that_has_changed_stays_changed():
     broken = replace(CART, hypotheses=[HEAVIER])
     found = broken.infer([measured(np.random.default_rng(8), gain=1.4)], config=QUICK, noise=NOISE)
