@@ -58,7 +58,8 @@ def elsewhere(optima: Optima) -> Floats:
     for entry in entries:
         low = parameters.low[entry]
         span = parameters.high[entry] - low
-        turns = float(np.sqrt(normal[entry, entry])) * span / regression.loudness
+        with np.errstate(over="ignore"):  # where the signal never changes
+            turns = float(np.sqrt(normal[entry, entry])) * span / regression.loudness
         count = int(np.clip(np.ceil(PROBES_A_TURN * turns), LEAST_PROBES, MOST_PROBES))
         line = np.tile(theta, (count, 1))
         line[:, entry] = low + span * (np.arange(count) + 0.5) / count

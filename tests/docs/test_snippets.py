@@ -10,12 +10,17 @@ import gymnasium as gym
 import pytest
 
 import aquafish_gym  # noqa: F401  # registered before the registry is copied
+import eea
 from aquafish_gym.damage import TIERS
+from gait import EvolveConfig
 
 ROOT = pathlib.Path(__file__).parents[2]
 BLOCK = re.compile(
     r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<shown>.*?)^```$)?", re.MULTILINE | re.DOTALL
 )
+CONFIGS = ("FitConfig", "JointConfig", "PaperConfig")
+#: Such as ``FitConfig(bodies=16, descents=8)``.
+SETTINGS = re.compile(rf"\b(?:{'|'.join(CONFIGS)}|EvolveConfig)\((?:[^()`]|\([^()`]*\))*\)")
 # The quick run searches less. It compares the output of a block that it changed without numbers.
 SMALLER = {
     "EvolveConfig(seed=0": (
@@ -72,6 +77,13 @@ def _as_a_reader(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> Ite
 def test_a_page_prints_what_it_shows(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     for shown, printed in outputs(page, SMALLER, capsys):
         assert printed == shown
+
+
+@pytest.mark.parametrize("page", list(PAGES))
+def test_settings_in_a_sentence_or_a_table_are_accepted(page: str) -> None:
+    text = re.sub("^```.*?^```$", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.M | re.S)
+    for words in SETTINGS.findall(text):
+        eval(words, {"EvolveConfig": EvolveConfig, **{n: getattr(eea, n) for n in CONFIGS}})
 
 
 @pytest.mark.slow

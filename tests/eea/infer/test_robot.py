@@ -318,6 +318,11 @@ def test_a_simulator_that_never_stays_finite_is_named():
         infer(robot, [measured(np.random.default_rng(0))])
 
 
+def test_a_log_that_never_changes_is_searched_without_a_warning():
+    found = infer(SOUGHT, [Trial(np.zeros((64, 2)), np.zeros(64))])
+    assert any(words.startswith("not measured: gain") for words in found.findings)
+
+
 @pytest.mark.parametrize("most", [1.1, 1.2])
 def test_a_fit_beside_a_simulator_that_diverges_keeps_what_the_trials_tell(most):
     """A derivative that is taken where a robot diverges does not make its number unknown."""
