@@ -72,10 +72,11 @@ from eea.infer.misfit import COARSE, FINE, Regression, Roughness
 from eea.infer.optima import Optima, improved
 from eea.infer.scan import hop, pose
 from eea.infer.statement import Prior, RobotModel
-from eea.infer.trials import Noise, Observed, Trial
+from eea.infer.trials import Noise, Observed, Trial, twice
 from eea.infer.unknowns import UNIFORM_PRECISION, Unknowns
 from eea.infer.words import (
     ALARM_FINDING,
+    REPEATED_FINDING,
     at_bounds,
     at_ends,
     contradicted,
@@ -723,6 +724,7 @@ class Follower:
         self._noise = known_noise(noise, robot)
         self._alarm = alarm
         self._samples = samples
+        self._before: Floats | None = None  # the signal of the window before
         self._rng = np.random.default_rng(seed)
         self._seed = seed
         self._known: Prior | None = None
@@ -753,6 +755,15 @@ class Follower:
             If no simulation stays finite.
         """
         instance("window", window, Trial)
+        signal = np.asarray(window.signal)
+        before = self._before
+        found = self._updated(window)
+        self._before = signal
+        if before is not None and twice([before, signal]):
+            return replace(found, findings=(*found.findings, REPEATED_FINDING))
+        return found
+
+    def _updated(self, window: Trial) -> Followed:
         if self._known is None:
             return self._first(window)
         known = self._known

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats
 from eea.infer.laplace import Laplace
-from eea.infer.trials import Observed
+from eea.infer.trials import LARGEST_NUMBER, Observed
 from eea.infer.unknowns import FIXED_SLOT, UNIFORM_PRECISION, Unknowns
 
 LOOK_AHEAD = 0.1  # h above, as a share of the step
@@ -347,7 +347,7 @@ class Regression:
         apart = observed.weighted - observed.weighted.mean(axis=1, keepdims=True)
         if observed.noise is not None:
             apart = apart / observed.noise.sd
-        return max(float(np.linalg.norm(apart)), 1e-300)
+        return max(float(np.linalg.norm(apart)), 1.0 / LARGEST_NUMBER)
 
     @property
     def least_sigma(self) -> float:

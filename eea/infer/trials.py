@@ -154,6 +154,7 @@ def spectrum(samples: int, duration: float) -> Floats:
 # Of the mean distance of two samples: readings within it of even times count as even.
 EVEN_TIME_SHARE = 0.5
 LEAST_DISTINCT = 10  # values of a trial that is not equal to another by chance
+LEAST_SHARED = 20  # rows at the end of one trial and the start of another
 LARGEST_NUMBER = 1e100  # of a signal, in any unit: its square, summed and weighed, is finite
 
 
@@ -237,7 +238,11 @@ class Observed:
                 f"{len(trials)} has none"
             )
         inputs: Any = [None if t.inputs is None else np.asarray(t.inputs) for t in trials]
-        _check_distinct(signals)
+        if pair := twice(signals):
+            raise ConfigurationError(
+                "trials must be recordings of their own, each given once; got the same samples in "
+                f"trials {pair[0]} and {pair[1]}"
+            )
         shapes = {None if one is None else one.shape for one in inputs}
         if len(shapes) == 1 and shapes != {None}:
             inputs = np.stack(inputs)
@@ -361,20 +366,34 @@ class Observed:
         return SlowBasis(np.maximum(variances, 0.0), vectors)
 
 
-def _check_distinct(signals: Sequence[Floats]) -> None:
-    """Raise a ConfigurationError if a trial's samples are those of another, or a part of them.
+def twice(signals: Sequence[Floats]) -> tuple[int, int] | None:
+    """Return the first two trials, from 1, of which one has samples (T, C) of the other, if any.
 
-    Trials of few values, such as a switch's, may be equal by chance.
+    One is a part of the other, or begins before the other ends, as windows that overlap do. Trials
+    of few values, such as a switch's, may be equal by chance.
     """
     samples = [np.ascontiguousarray(signal).tobytes() for signal in signals]
     first: dict[bytes, int] = {}
     for i, own in enumerate(samples):
         longer = [k for k, other in enumerate(samples) if len(own) < len(other) and own in other]
         others = {first.setdefault(own, i), *longer} - {i}
-        signal = signals[i]
-        if others and len(np.unique(signal[np.isfinite(signal)])) >= LEAST_DISTINCT:
+        if others and _tells(signals[i]):
             one, two = sorted((min(others) + 1, i + 1))
-            raise ConfigurationError(
-                "trials must be recordings of their own, each given once; got the same samples in "
-                f"trials {one} and {two}"
-            )
+            return one, two
+    heads = {}
+    for i, (own, signal) in enumerate(zip(samples, signals, strict=True)):
+        if len(signal) >= LEAST_SHARED and _tells(signal[:LEAST_SHARED]):
+            heads[own[: signal[:LEAST_SHARED].nbytes]] = i
+    for i, (own, signal) in enumerate(zip(samples, signals, strict=True)):
+        row = signal[:1].nbytes
+        for start in range(row, len(own) - LEAST_SHARED * row + 1, row):
+            other = heads.get(own[start : start + LEAST_SHARED * row], i)
+            if other != i and samples[other].startswith(own[start:]):
+                one, two = sorted((other + 1, i + 1))
+                return one, two
+    return None
+
+
+def _tells(signal: Floats) -> bool:
+    """Return whether samples have so many values that others are not equal to them by chance."""
+    return len(np.unique(signal[np.isfinite(signal)])) >= LEAST_DISTINCT

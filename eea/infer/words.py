@@ -525,6 +525,7 @@ def _several(posterior: Mixture, sizes: Sequence[_Size]) -> list[str]:
 
 
 ALARM_FINDING = "something has changed; the next window tells what"
+REPEATED_FINDING = "the window repeats samples of the one before: they count twice"
 
 
 def at_bounds(parameters: Unknowns, theta: Floats, entries: Sequence[int]) -> list[str]:

@@ -251,3 +251,13 @@ def test_each_window_says_that_a_number_is_at_the_end_of_its_range():
             found = follower.update(Trial(gain * wave + rng.normal(0.0, 0.3, wave.shape)))
             assert not found.alarm
             assert found.findings == said
+
+
+def test_a_window_that_overlaps_the_one_before_is_named():
+    rng = np.random.default_rng(3)
+    follower = STRUT.follow(NOISE)
+    whole = window(rng, samples=100)
+    signal, motion = np.asarray(whole.signal), np.asarray(whole.inputs)
+    rows = [slice(0, 40), slice(20, 60), slice(60, 100)]
+    said = [follower.update(Trial(signal[own], motion[own])).findings for own in rows]
+    assert said[1:] == [("the window repeats samples of the one before: they count twice",), ()]

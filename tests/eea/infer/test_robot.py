@@ -243,6 +243,15 @@ def test_a_recording_is_given_once():
     refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), whole, whole]))
     refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), part, whole]))
     refused(f"{said}1 and 3", lambda: SOUGHT.learn([whole, measured(rng), whole]))
+    late = Trial(whole.signal[25:], PUSH[25:])
+    early = Trial(whole.signal[:50], PUSH[:50])
+    refused(f"{said}1 and 3", lambda: SOUGHT.infer([late, measured(rng), early]))
+    refused(f"{said}1 and 2", lambda: SOUGHT.infer([early, late]))
+
+
+def test_a_log_without_a_signal_is_explained_without_a_warning():
+    still = Trial(np.zeros((60, 2)), np.zeros(60))
+    assert infer(SOUGHT, [still, still]).findings[0] == "not measured: gain; drag"
 
 
 def test_short_trials_of_a_switch_may_be_equal_by_chance():
