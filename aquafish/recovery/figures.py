@@ -86,12 +86,18 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
         axes.imshow(render_pose(body, REST_POSE, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
-        axes.set_title("the damaged robot\nbroken fin in yellow")
+        axes.set_title(f"the damaged robot\n{_mark(job.target, broken)}")
         if name != "target":
             fit = outcomes[name][shown]["objective_fitness"]
             axes.set_title(f"{TREATMENT_LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
     return figure
+
+
+def _mark(body: Morphology, broken: Sequence[str]) -> str:
+    """Return how broken fins of a body are marked: one that is missing leaves its break alone."""
+    left = [fin for fin in broken if any(getattr(body, fin))]
+    return "broken fin in yellow" if left or not broken else "break of the lost fin in black"
 
 
 def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:

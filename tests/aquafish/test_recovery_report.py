@@ -5,12 +5,16 @@ from __future__ import annotations
 import copy
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from aquafish.recovery import figures
 from aquafish.recovery.command import REPORT_SCHEMA
 from aquafish.recovery.report import build_report, to_markdown
+from aquafish_gym import Damage, Morphology
 from aquafish_gym.utils.storage import encode_document
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "recovery"
@@ -26,6 +30,24 @@ def test_the_committed_report_follows_from_its_replicates(report: dict[str, Any]
     assert encode_document(report, REPORT_SCHEMA) == (COMMITTED / "report.json").read_bytes()
     text = (COMMITTED / "report.md").read_text(encoding="utf-8")
     assert text.startswith(to_markdown(report).rstrip())
+
+
+@pytest.mark.parametrize(
+    ("damage", "mark"),
+    [
+        ("left_pectoral:length=0.5", "broken fin in yellow"),
+        ("left_pectoral:missing", "break of the lost fin in black"),
+        ("left_pectoral:missing;caudal:length=0.5", "broken fin in yellow"),
+    ],
+)
+def test_the_picture_of_the_bodies_says_how_the_damage_is_marked(
+    report: dict[str, Any], damage: str, mark: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "render_pose", lambda *_: np.zeros((2, 2, 3), np.uint8))
+    healthy = Morphology.nominal()
+    job: Any = SimpleNamespace(morphology=healthy, target=Damage.parse(damage).apply(healthy))
+    first = figures.bodies_figure(job, report["replicates"]).axes[0]
+    assert first.get_title() == f"the damaged robot\n{mark}"
 
 
 def test_without_a_distance_of_the_oracle_there_is_no_share(report: dict[str, Any]) -> None:
