@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from eea import Number, Robot, Trial
+from eea.infer.roughness import Near
 
 NOISE = 0.05
 
@@ -162,3 +163,19 @@ def test_a_number_over_decades_asks_for_its_logarithm(size, good):
     found = robot.infer([Trial(np.log(size) + noise)])
     assert found.good == good
     assert good == ("the log tells k to a millionth of the range" not in found.verdict)
+
+
+def test_a_number_that_a_signal_follows_evenly_needs_no_smaller_steps(monkeypatch):
+    """A difference over a large step is as the derivative says."""
+
+    def refuse(*_):
+        raise AssertionError("no smaller step is needed")
+
+    def line(values, time):
+        return (values["size"][:, None] * time + values["rate"][:, None])[:, :, None]
+
+    monkeypatch.setattr(Near, "rough_step", refuse)
+    roughness = found_with(line).warm_start.roughness
+    assert roughness.looked.all()
+    assert roughness.smooth
+    assert roughness.jitter == 0.0
