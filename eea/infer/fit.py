@@ -37,7 +37,7 @@ from eea.infer.statement import Hypothesis, RobotModel
 from eea.infer.trials import LARGEST_NUMBER, Noise, Observed, Trial, noise_of
 from eea.infer.unknowns import ALL_TRIALS, FIXED_PRECISION, Unknowns
 from eea.infer.valleys import settled, stepped, with_others
-from eea.infer.words import of_recorder
+from eea.infer.words import of_recorder, of_shared
 
 ABSENT_SIZE_SHARE = 0.02  # of a range: smaller parts look like parts that do not move
 HOPELESS_LOG_EVIDENCE = 50.0  # hypotheses whose log evidence is lower by this are not refitted
@@ -219,7 +219,7 @@ def fit(
         0 if config.noise else observed.size,
         WarmStart(optima, frozenset(dropped), explained, counter.count, roughness),
         observed.noise,
-        (*counter.remarks, *said),
+        (*counter.remarks, *of_shared(observed.shared), *said),
         counter.ended,
     )
 

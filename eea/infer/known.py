@@ -80,6 +80,7 @@ from eea.infer.words import (
     at_bounds,
     at_ends,
     contradicted,
+    of_shared,
     only_rounding,
     several,
 )
@@ -508,6 +509,7 @@ def learn(
     said = _of_each_alone(plain, known_good, effort, noise, seed)
     said += contradicted(whole, contradictions(whole, [one.optima for one in fits], groups))
     said += only_rounding(noise, observed, robot)
+    said += of_shared(observed.shared)
     return Known(replace(robot, prior=later), noise, misfits=misfits, findings=tuple(said))
 
 

@@ -207,6 +207,8 @@ class Observed:
     #: (E, T), times of the samples in the unit of a discrepancy's duration; None for 1, 2, ...
     time: Floats | None = None
     noise: Noise | None = None  #: Of each channel; None where all have the same, white noise.
+    #: The first two trials, from 1, that have samples in common, as windows that overlap; if any.
+    shared: tuple[int, int] | None = None
     _bases: dict[tuple[int, float], SlowBasis] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -238,16 +240,20 @@ class Observed:
                 f"{len(trials)} has none"
             )
         inputs: Any = [None if t.inputs is None else np.asarray(t.inputs) for t in trials]
-        if pair := twice(signals):
-            raise ConfigurationError(
-                "trials must be recordings of their own, each given once; got the same samples in "
-                f"trials {pair[0]} and {pair[1]}"
-            )
+        shared = twice(signals)
+        if shared is not None:
+            one, two = shared
+            places = one - 1, two - 1
+            if all(_same(*(given[k] for k in places)) for given in (signals, inputs)):
+                raise ConfigurationError(
+                    "trials must be recordings of their own, each given once; got the same in "
+                    f"trials {one} and {two}"
+                )
         shapes = {None if one is None else one.shape for one in inputs}
         if len(shapes) == 1 and shapes != {None}:
             inputs = np.stack(inputs)
         weight = None if there.all() else there.astype(np.float64)
-        return cls(inputs, np.where(there, joined, 0.0), weight)
+        return cls(inputs, np.where(there, joined, 0.0), weight, shared=shared)
 
     def __len__(self) -> int:
         return len(self.signal)
@@ -392,6 +398,13 @@ def twice(signals: Sequence[Floats]) -> tuple[int, int] | None:
                 one, two = sorted((other + 1, i + 1))
                 return one, two
     return None
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Return whether two signals or inputs are the same; None is none."""
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other, equal_nan=one.dtype.kind in "fc")
 
 
 def _tells(signal: Floats) -> bool:

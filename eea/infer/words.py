@@ -525,6 +525,19 @@ def _several(posterior: Mixture, sizes: Sequence[_Size]) -> list[str]:
 
 
 ALARM_FINDING = "something has changed; the next window tells what"
+
+
+def of_shared(trials: tuple[int, int] | None) -> list[str]:
+    """Return a sentence on two trials that have samples in common, if there are such."""
+    if trials is None:
+        return []
+    one, two = trials
+    return [
+        f"trials {one} and {two} have samples in common, which count twice: the intervals are too "
+        "narrow"
+    ]
+
+
 REPEATED_FINDING = "the window repeats samples of the one before: they count twice"
 
 

@@ -302,10 +302,11 @@ def held_means(at: Floats, time: Floats, values: Floats) -> Floats:
     until = np.searchsorted(time, at[1:], "left") - 1
     change = np.append(0, np.cumsum((np.diff(values, axis=0) != 0.0).any(axis=1)))
     before = np.zeros(values.shape)
-    before[1:] = np.cumsum(values[:-1] * np.diff(time)[:, None], axis=0)
-    passed = before[index] + values[index] * (at - time[index])[:, None]
     steps = np.diff(at)[:, None]
-    means = np.divide(np.diff(passed, axis=0), steps, out=values[index[:-1]], where=steps > 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers are refused by their place
+        before[1:] = np.cumsum(values[:-1] * np.diff(time)[:, None], axis=0)
+        passed = before[index] + values[index] * (at - time[index])[:, None]
+        means = np.divide(np.diff(passed, axis=0), steps, out=values[index[:-1]], where=steps > 0.0)
     means = np.clip(means, values.min(axis=0), values.max(axis=0))  # against rounding
     steady = change[index[:-1]] == change[np.maximum(until, index[:-1])]
     found: Floats = values[index]

@@ -238,15 +238,27 @@ def test_masked_numbers_of_a_simulator_are_those_of_trials_that_failed():
 def test_a_recording_is_given_once():
     rng = np.random.default_rng(5)
     whole = measured(rng)
-    part = Trial(whole.signal[20:50], PUSH[20:50])
-    said = "each given once; got the same samples in trials "
+    said = "each given once; got the same in trials "
     refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), whole, whole]))
-    refused(f"{said}2 and 3", lambda: SOUGHT.infer([measured(rng), part, whole]))
     refused(f"{said}1 and 3", lambda: SOUGHT.learn([whole, measured(rng), whole]))
+
+
+def test_trials_that_have_samples_in_common_are_named():
+    """Parts of a recording may be trials of their own, as of one start each."""
+    rng = np.random.default_rng(5)
+    whole = measured(rng)
+    part = Trial(whole.signal[20:50], PUSH[20:50])
     late = Trial(whole.signal[25:], PUSH[25:])
     early = Trial(whole.signal[:50], PUSH[:50])
-    refused(f"{said}1 and 3", lambda: SOUGHT.infer([late, measured(rng), early]))
-    refused(f"{said}1 and 2", lambda: SOUGHT.infer([early, late]))
+    for trials, pair in (
+        ([measured(rng), part, whole], "2 and 3"),
+        ([late, measured(rng), early], "1 and 3"),
+        ([early, late], "1 and 2"),
+        ([whole, Trial(whole.signal, 2.0 * PUSH)], "1 and 2"),
+    ):
+        said = f"trials {pair} have samples in common, which count twice: the intervals are too"
+        assert any(one.startswith(said) for one in infer(SOUGHT, trials).findings)
+    assert not any("in common" in one for one in infer(SOUGHT, [early]).findings)
 
 
 def test_a_log_without_a_signal_is_explained_without_a_warning():
