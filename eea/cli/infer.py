@@ -33,7 +33,7 @@ class Infer:
 
     The log is a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file with a row for each sample of
     the gyroscope. Its columns are time (s), gyro_x, gyro_y, gyro_z (rad/s about the body's axes: x
-    right, y forward, z up), and the commands executed from that time on: left_pectoral,
+    right, y forward, z up), and the commands that the servos execute then: left_pectoral,
     right_pectoral (rev/s), caudal (Hz). With several trials a column trial has their numbers.
     --map names the columns where they differ. docs/howto/logs.md has more.
 

@@ -257,7 +257,7 @@ class Watched(NamedTuple):
 
     @property
     def noticed(self) -> float | None:
-        """Time of the detected change, s; None without a change."""
+        """When a change was noticed: the end of the first window that differs, s."""
         changed = [not look.same for look in self.looks]
         return float(self.time[changed.index(True)]) if any(changed) else None
 
@@ -265,9 +265,11 @@ class Watched(NamedTuple):
         seconds = f"{shown(self.time[-1], 4)} s of swimming, {len(self.looks)} windows"
         if self.noticed is None:
             return f"{seconds}: this is still the body that was inferred"
+        least = min(look.p for look in self.looks)
+        p = f"p = {least:.0e}" if least > 0.0 else "p < 1e-300"
         return (
-            f"{seconds}: since {shown(self.noticed, 4)} s this is no longer the body that was "
-            f"inferred (p = {min(look.p for look in self.looks):.0e}; one false alarm in "
+            f"{seconds}: by {shown(self.noticed, 4)} s this is no longer the body that was "
+            f"inferred ({p}; one false alarm in "
             f"{1.0 / self.alarm:,.0f} windows)"
         )
 

@@ -23,7 +23,9 @@ from eea import (
 from eea.__main__ import main
 from eea.core.config import FitConfig
 from eea.fish import known_body
+from eea.fish.known import Watched
 from eea.infer.answer import Answer
+from eea.infer.known import Verdict
 from tests.eea.infer.swing import infer as infer_swing
 from tests.eea.infer.test_swims import BODY, swim
 
@@ -131,3 +133,9 @@ def test_a_posterior_of_another_robot_is_refused() -> None:
 
 def load_nominal() -> Answer:
     return known_body(Morphology.nominal(), 0.01)
+
+
+def test_a_change_is_noticed_by_the_end_of_a_window_and_no_chance_is_stated_as_0():
+    looks = (Verdict(0.5, True, 1.0), Verdict(0.0, False, 99.0))
+    said = str(Watched(np.array([1.2, 2.2]), looks, 1e-6))
+    assert "by 2.2 s this is no longer the body that was inferred (p < 1e-300; one" in said
