@@ -408,5 +408,5 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _tells(signal: Floats) -> bool:
-    """Return whether samples have so many values that others are not equal to them by chance."""
+    """Return whether samples have too many values to be equal to others by chance."""
     return len(np.unique(signal[np.isfinite(signal)])) >= LEAST_DISTINCT
