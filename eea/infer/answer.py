@@ -254,10 +254,13 @@ class Answer:
         ------
         ConfigurationError
             If no robot explains the trials, or several answers do alike, or hypotheses with other
-            values of a number: another trial must tell them apart (:meth:`prospects`).
+            values of a number: another trial must tell them apart (:meth:`prospects`). If ``robot``
+            has other channels, or other numbers than the trials told.
         """
         from eea.infer.known import Known
 
+        if robot is not None:
+            instance("robot", robot, RobotModel)
         if not self.good:
             raise ConfigurationError(f"an answer must be good to be known; got: {self.verdict}")
         if said := several(self.branches[0]) + undecided(self.branches):

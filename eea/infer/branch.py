@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
+from eea.core.checks import ConfigurationError, brief
 from eea.infer.box_normal import LEAST_PRECISION
 from eea.infer.mixture import (
     LEAST_APART,
@@ -56,6 +57,8 @@ class Branch:
         has changed no longer has its healthy value: the prior tells it. One that the hypothesis
         fixes keeps its value, whatever else may have changed later.
         """
+        prior = self.prior()
+        _check_same(robot, self.parameters.robot, prior.names)
         fixed = self.hypothesis.fixed
         moved = self.hypothesis.moves
         numbers = {
@@ -65,7 +68,15 @@ class Branch:
         numbers |= {name: replace(numbers[name], healthy=None) for name in moved}
         nominal = replace(robot.nominal, fixed=fixed, moves={})
         after = replace(robot, numbers=numbers, nominal=nominal, prior=None)
-        return replace(after, prior=self.prior().of(self.parameters.robot, after))
+        prior = prior.of(self.parameters.robot, after)
+        for name, share in zip(prior.names, prior.mean.tolist(), strict=True):
+            number = after.table[name]
+            if not 0.0 <= share <= 1.0:
+                value = after.with_unit(name, number.low + share * (number.high - number.low))
+                raise ConfigurationError(
+                    f"the range of {name} must hold {value}, which is known; got {number}"
+                )
+        return replace(after, prior=prior)
 
     @property
     def cost(self) -> float:
@@ -140,6 +151,25 @@ def rivals(branches: Sequence[Branch]) -> dict[str, list[str]]:
         if branch.probability >= LEAST_WEIGHT and len(apart):
             found[branch.hypothesis.name] = [branch.parameters.robot.names[i] for i in apart]
     return found
+
+
+def _check_same(robot: RobotModel, before: RobotModel, known: Sequence[str]) -> None:
+    """Raise a ConfigurationError unless a robot has the channels and the ``known`` numbers."""
+    if list(robot.channels) != list(before.channels):
+        raise ConfigurationError(
+            f"channels of robot must be those of the trials, {brief(list(before.channels))}; got "
+            f"{brief(list(robot.channels))}"
+        )
+    for name in known:
+        if name not in robot.table:
+            raise ConfigurationError(
+                f"numbers of robot must be those that the trials told; {name} is missing"
+            )
+        was = before.table[name]
+        now = robot.table[name]
+        kinds = [(n.unit, n.healthy, n.varies, n.circular, n.switch) for n in (was, now)]
+        if kinds[0] != kinds[1]:
+            raise ConfigurationError(f"{name} of robot must be such as {was}; got {now}")
 
 
 def _held(number: Number, value: float) -> Number:

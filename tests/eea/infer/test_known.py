@@ -242,6 +242,32 @@ def test_hypotheses_that_explain_alike_leave_a_number_open():
         found.known()
 
 
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [
+        (3, "robot must be of type RobotModel; got 3"),
+        (
+            replace(CART, channels={"force": "N", "rate": "rad/s"}),
+            "channels of robot must be those",
+        ),
+        (
+            replace(SOUGHT, numbers={"gain": Number(0.0, 2.0, unit="m"), "drag": Number(0.0, 2.0)}),
+            "numbers of robot must be those that the trials told; bias is missing",
+        ),
+        (CART, "gain of robot must be such as"),  # which takes it to be healthy
+        (
+            with_numbers(SOUGHT, drag=Number(1.5, 3.0)),
+            "the range of drag must hold 1, which is known",
+        ),
+    ],
+)
+def test_another_robot_is_not_known(robot, said):
+    log = measured(np.random.default_rng(0), sd=(1e-3, 1.0))
+    found = SOUGHT.infer([log], config=QUICK)
+    with pytest.raises(ConfigurationError, match=said):
+        found.known(robot)
+
+
 @WAYS
 def test_logs_in_a_list_are_no_log_to_test(way):
     with pytest.raises(ConfigurationError, match=r"log must be of type Trial; got \["):
