@@ -352,6 +352,7 @@ def infer(
     usual: Floats | None = None,
     progress: Callable[[str], None] | None = None,
     interruptible: bool = False,
+    samples: int = 0,
 ) -> Answer:
     """Return the posterior of a robot given recorded trials.
 
@@ -368,7 +369,7 @@ def infer(
         of another posterior or of a reference. None estimates it,
         and how neighbouring samples correlate, from what the best fit leaves: the trials are
         fitted again until it stays the same.
-    usual, progress
+    usual, progress, samples
         See :func:`eea.infer.fit.fit`.
     interruptible
         Whether Ctrl-C ends the search as a budget does, with the best so far as the answer.
@@ -395,7 +396,7 @@ def infer(
     counter = Simulations(robot, progress, config.evaluations, config.seconds, interruptible)
     robot = replace(robot, simulate=counter)
     try:
-        return _infer(robot, observed, seed, config, noise, usual)
+        return _infer(robot, observed, seed, config, noise, usual, samples)
     finally:
         counter.release()
 
@@ -407,10 +408,11 @@ def _infer(
     config: FitConfig,
     noise: Mapping[str, float] | Noise | None,
     usual: Floats | None,
+    samples: int,
 ) -> Answer:
     """Fit trials, and again by the readings that a recorder has left sound."""
     rng = np.random.default_rng(seed)
-    answer = _fitted(robot, observed, rng, config, noise, usual)
+    answer = _fitted(robot, observed, rng, config, noise, usual, samples)
     found = recorded(answer.best_fit)
     if not found or answer.ended:
         return replace(answer, caveats=(*answer.caveats, *of_recorder(found, robot, False)))
@@ -426,7 +428,7 @@ def _infer(
             return replace(answer, caveats=(*answer.caveats, *of_recorder(found, robot, False)))
         counts = kept
         apart = replace(observed, weight=kept.astype(np.float64))
-        answer = _fitted(robot, apart, rng, config, noise, usual)
+        answer = _fitted(robot, apart, rng, config, noise, usual, samples)
         signal = simulated(answer.best_fit, observed)
         sd = _noise_of(answer).sd
     before = _noise_of(answer)
@@ -435,7 +437,7 @@ def _infer(
     found = [one for one in found if one.kind != "steps" or louder[one.channel]]
     if louder.any():
         observed = replace(observed, weight=counts.astype(np.float64))
-        answer = _fitted(robot, observed, rng, config, wide, usual)
+        answer = _fitted(robot, observed, rng, config, wide, usual, samples)
         if usual is None:
             rest = int(counts[:, :, ~louder].sum())
             residuals = answer.best_fit.residuals
@@ -468,12 +470,14 @@ def _fitted(
     config: FitConfig,
     noise: Mapping[str, float] | Noise | None,
     usual: Floats | None,
+    samples: int,
 ) -> Answer:
     """Fit trials with known noise, or again until the noise that they leave stays the same."""
     if noise is not None:
         known = known_noise(noise, robot)
         config = replace(config, noise=1.0)  # times the channels' own
-        return fit(replace(observed, noise=known), robot, config, rng, usual=usual)
+        seen = replace(observed, noise=known)
+        return fit(seen, robot, config, rng, usual=usual, samples=samples)
     guess = first_guess(robot, observed)
     posterior: Answer | None = None
     for _ in range(MOST_NOISE_ROUNDS):

@@ -351,21 +351,32 @@ class Known:
         badly. The findings here are the last of the answer. Numbers of a group that was not
         inferred before are inferred if ``config`` names it.
         """
-        rng = np.random.default_rng(_whole_seed(seed))
+        seed = _whole_seed(seed)
         config = recorded_config(config)
         if config.nuisances is None and self.groups is not None:
             config = replace(config, nuisances=tuple(sorted(self.groups)))
-        observed = trials if isinstance(trials, Observed) else Observed.of(trials, self.robot)
-        check_enough(self.robot, observed, config, known_noise=True)
-        found = fit(
-            replace(observed, noise=self.noise),
-            self.robot,
-            replace(config, noise=self.sigma),
-            rng,
-            progress=progress,
-            usual=self.misfits,
-            samples=self.samples,
-        )
+        if isinstance(trials, Observed):
+            check_enough(self.robot, trials, config, known_noise=True)
+            found = fit(
+                replace(trials, noise=self.noise),
+                self.robot,
+                replace(config, noise=self.sigma),
+                np.random.default_rng(seed),
+                progress=progress,
+                usual=self.misfits,
+                samples=self.samples,
+            )
+        else:
+            found = infer(
+                self.robot,
+                trials,
+                seed,
+                config,
+                self.channel_noise,
+                self.misfits,
+                progress,
+                samples=self.samples,
+            )
         caveats = (*found.caveats, *self.findings)
         return replace(found, samples=self.samples, caveats=caveats)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from cart import CART, QUICK, SD, SOUGHT, measured, with_numbers
+from cart import CART, PUSH, QUICK, SD, SOUGHT, measured, with_numbers
 from eea import Hypothesis, Number, Robot, Trial
 from eea.core.checks import ConfigurationError
 from eea.infer.known import Known
@@ -284,3 +284,19 @@ def test_what_a_log_adds_nothing_to_is_not_called_unmeasured():
     assert len(said) == 1
     assert "gain" in said[0]
     assert not any("not measured" in words for words in found.findings)
+
+
+def test_a_later_log_is_read_as_the_known_good_ones_were():
+    rng = np.random.default_rng(11)
+
+    def held():
+        signal = np.array(measured(rng).signal)
+        signal[:, 1] = np.repeat(signal[::3, 1], 3)
+        return Trial(signal, PUSH)
+
+    known = ROBOT.learn([held() for _ in range(6)])
+    for _ in range(3):
+        found = known.infer([held()], config=QUICK)
+        assert found.good, found.verdict
+        said = "force repeats the reading before in 40 of 60 rows: they are left out"
+        assert said in found.findings
