@@ -107,7 +107,7 @@ class Episode:
         return due[0]
 
     def explain(self, case: Case, moments: Moments, drift: Floats) -> Recognised | None:
-        """Return what explains a case; None if nothing is inferred."""
+        """Return what explains a case; None in an episode in which nothing is inferred."""
         return case.explain(moments, drift, self.config.gyro_noise, self.hold)
 
     def think(self, case: Case, found: Recognised, began: float) -> None:
@@ -223,7 +223,7 @@ class Calibrating:
         model = early.model.copy()
         belief = Belief(model, Damage(), intact, EARLY_DRIFT, early.monitor, water)
         trusted = Trusted(belief.copy(), episode.chooser.gait)
-        after = Watching(episode, belief, trusted, first=case)
+        after = Watching(episode, belief, trusted, first_case=case)
         after.believe(found, thought.event)
         episode.change_gait(belief.model, water, soon=True)
         return after if early.case is None else after.explaining(early.case)
@@ -231,12 +231,16 @@ class Calibrating:
 
 @dataclass
 class Watching:
-    """Watches whether what it observes surprises its self-model."""
+    """Watches whether what it observes surprises its self-model.
+
+    What it believed and swam before an alarm stays ``trusted`` until an inference fits that uses
+    seven observations or more, or the last inference fits not: then it returns to that.
+    """
 
     episode: Episode
     belief: Belief
     trusted: Trusted | None = None  #: Since an alarm whose cause is not certain yet.
-    first: Case | None = None  #: The case of the first of the alarms in a row.
+    first_case: Case | None = None  #: The case of the first of the alarms in a row.
     quiet: int = 0  #: The number of actions until which nothing alarms it.
 
     @property
@@ -257,12 +261,12 @@ class Watching:
     def explaining(self, case: Case) -> Explaining:
         """Return the phase in which a case is explained."""
         return Explaining(
-            self.episode, self.belief, self.trusted, self.first, self.quiet, case=case
+            self.episode, self.belief, self.trusted, self.first_case, self.quiet, case=case
         )
 
     def observe(self, moment: Moment) -> Watching:
         """Take in a moment; return the next phase."""
-        return self._alarmed().inferred() if self._is_surprised(moment) else self
+        return self._alarmed().explain() if self._is_surprised(moment) else self
 
     def _is_surprised(self, moment: Moment) -> bool:
         """Carry the self-model along with a moment; return whether that is an alarm."""
@@ -302,9 +306,9 @@ class Watching:
         if belief.model.robot is not belief.intact:  # what broke may have ended
             beliefs.append((belief.intact, Damage()))
         back = 0 if exact else ACTIONS_BEFORE_ALARM[config.gyro_only]
-        case = open_case(beliefs, episode.moments, back, due or [1], self.first)
+        case = open_case(beliefs, episode.moments, back, due or [1], self.first_case)
         if case.earlier is None:
-            self.first = case
+            self.first_case = case
         episode.log("alarm", SURPRISE)
         return self.explaining(case)
 
@@ -355,7 +359,7 @@ class Watching:
         if last:
             self.episode.log("unknown", UNKNOWN)
             self.trusted = None
-            self.first = None
+            self.first_case = None
         self.belief = trusted.belief if last else trusted.belief.copy()
         self.belief.monitor.clear()
         self.episode.chooser.return_to(trusted.gait, self.belief.model)
@@ -381,17 +385,17 @@ class Explaining(Watching):
         """Take in a moment; return the next phase."""
         surprised = self._is_surprised(moment)
         if surprised and self.case.settled(self.episode.steps) and self._believes_anew:
-            return self._alarmed().inferred()
-        return self.inferred()
+            return self._alarmed().explain()
+        return self.explain()
 
-    def inferred(self) -> Watching:
+    def explain(self) -> Watching:
         """Infer what broke, if it is time for that; return the next phase."""
         steps = self.episode.steps
         if self.case.is_due(steps):
             self._infer()
         if self.case.due or not self.case.settled(steps):
             return self
-        return Watching(self.episode, self.belief, self.trusted, self.first, self.quiet)
+        return Watching(self.episode, self.belief, self.trusted, self.first_case, self.quiet)
 
     def _infer(self) -> None:
         """Recognise what broke; the result can be used after the time for thinking."""

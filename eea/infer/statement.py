@@ -477,6 +477,12 @@ class RobotModel:
             text("a name of numbers or channels", name)
             if "@" in name:  # which a trial's own numbers have before its number
                 raise ConfigurationError(f"a name must have no @; got {name!r}")
+        for hypothesis in self.hypotheses or ():
+            if not (hypothesis.fixed or hypothesis.moves):
+                raise ConfigurationError(
+                    f"{hypothesis.name!r} must fix or move a number, as a hypothesis of what is "
+                    "broken; got neither"
+                )
         for hypothesis in (self.nominal, *self.alternatives):
             self._check(hypothesis)
         _check_distinct("hypotheses", [h.name for h in (self.nominal, *self.alternatives)])

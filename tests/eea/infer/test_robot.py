@@ -125,6 +125,10 @@ def test_a_number_is_fixed_or_moves():
         "'x' must fix or move a number, not both; got gain in both",
         lambda: Hypothesis("x", {"gain": 1.0}, moves={"gain": Number(0, sd=1)}),
     )
+    refused(
+        "'x' must fix or move a number, as a hypothesis of what is broken; got neither",
+        lambda: replace(CART, hypotheses=[Hypothesis("x")]),
+    )
 
 
 @pytest.mark.parametrize(
