@@ -24,7 +24,7 @@ from eea.core.config import FitConfig
 from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.fish.hypotheses import ANYWHERE, SERVO, fault_hypothesis
-from eea.fish.joint import SIZES, fish_robot
+from eea.fish.joint import CURRENT, SIZES, fish_robot
 from eea.fish.log_fit import CLOSEST_ROWS_SECONDS
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
@@ -175,7 +175,7 @@ def _known(belief: Answer, windows: LogWindows, simulator: SimulatorOptions) -> 
         nominal=UNCHANGED,
         discrepancy=None,
     )
-    return Known.of(belief, robot)
+    return Known.of(belief, robot, CURRENT)  # which velocities in the water stand for
 
 
 @own_errors

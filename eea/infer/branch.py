@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -39,25 +39,27 @@ class Branch:
     posterior: Mixture  #: The posterior if the simulator is right.
     doubted: Mixture  #: The posterior with the problem's ``discrepancy``.
 
-    def prior(self) -> Prior:
-        """Return what is known of the numbers that all trials share.
+    def prior(self, gone: Collection[str] = ()) -> Prior:
+        """Return what is known of the numbers that all trials share, but of ``gone`` ones.
 
         Angles are left out: they may have changed since, even that of a seized servo.
         """
         names = self.parameters.names
-        entries = np.flatnonzero(self.parameters.common & ~self.parameters.circular)
+        shared = self.parameters.common & ~self.parameters.circular
+        entries = np.array([i for i in np.flatnonzero(shared) if names[i] not in gone], np.intp)
         theta = self.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))[:, entries]
         covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
         return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)
 
-    def known(self, robot: RobotModel) -> RobotModel:
+    def known(self, robot: RobotModel, gone: Collection[str] = ()) -> RobotModel:
         """Return a robot with the hypothesis as a fact, and with what the trials told as its prior.
 
         ``robot`` is that of the trials, or the same with other numbers of each trial. A number that
         has changed no longer has its healthy value: the prior tells it. One that the hypothesis
-        fixes keeps its value, whatever else may have changed later.
+        fixes keeps its value, whatever else may have changed later. ``gone`` are numbers of the
+        trials that later logs do not have.
         """
-        prior = self.prior()
+        prior = self.prior(gone)
         _check_same(robot, self.parameters.robot, prior.names)
         fixed = self.hypothesis.fixed
         moved = self.hypothesis.moves

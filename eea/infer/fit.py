@@ -107,6 +107,7 @@ def fit(
     callback("doubt", doubt)
     if usual is not None and len(usual := finite("usual", usual, (None,))) < 2:
         raise ConfigurationError(f"usual must be the misfits of two logs or more; got {len(usual)}")
+    whole("samples", samples, 0)
     check_nuisances(robot, config)
     finite("signal", observed.signal, (len(observed), None, len(robot.channels)))
     counter = _counting(robot)

@@ -325,13 +325,18 @@ class Known:
     groups: frozenset[str] | None = None  #: The groups of numbers that are inferred; None for all.
 
     @classmethod
-    def of(cls, answer: Answer, robot: RobotModel | None = None) -> Known:
-        """Return what an answer's most probable hypothesis tells; see :meth:`Answer.known`."""
+    def of(
+        cls, answer: Answer, robot: RobotModel | None = None, gone: Collection[str] = ()
+    ) -> Known:
+        """Return what an answer's most probable hypothesis tells; see :meth:`Answer.known`.
+
+        ``gone`` are numbers of the trials that later logs do not have, such as a current.
+        """
         best = answer.branches[0]
         robot = answer.robot if robot is None else robot
         inferred = [one for name, one in robot.table.items() if best.parameters.has(name)]
         return cls(
-            best.known(robot),
+            best.known(robot, gone),
             answer.noise,
             answer.sigma,
             answer.samples,

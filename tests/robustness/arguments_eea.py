@@ -309,11 +309,11 @@ ROWS = [
             "observed": Observed(np.zeros((1, 1)), np.zeros((1, 64, 1))), "robot": SWINGING,
             "config": FitConfig(bodies=2, descents=1, polished=1, restarts=0),
             "rng": np.random.default_rng(0), "earlier": None, "progress": listen, "doubt": None,
-            "usual": None,
+            "usual": None, "samples": 0,
         },
         options(
             earlier="none", progress=f"none, {CALLABLE}", doubt=f"none, {CALLABLE}",
-            usual="none",
+            usual="none", samples="big, huge",
         ),
     ),
 ]  # fmt: skip
