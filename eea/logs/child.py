@@ -183,7 +183,9 @@ def answer(
         error.__traceback__ = None  # it holds what took the memory
         lift_limit()
         kind = next((kind for kind in ERRORS if isinstance(error, kind)), type(error))
-        if kind not in ERRORS and _memory_was_short(most):
+        # Without memory, a library in C may return without an error of its own.
+        short = isinstance(error, SystemError) or _memory_was_short(most)
+        if kind not in ERRORS and short:
             kind = MemoryError
         last = {"error": kind.__name__, "text": str(error) or type(error).__name__}
     answers.write(json.dumps(last).encode() + b"\n")
