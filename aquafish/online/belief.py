@@ -7,15 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish.online.monitor import SurpriseMonitor
 from aquafish.online.self_model import SelfModel
 from aquafish.online.swimming import Gait
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
-
-# The model predicts if the gyroscope's rms error ahead is below this share of its rms.
-PREDICTED_SHARE = 0.3
 
 
 class Water(NamedTuple):
@@ -56,4 +54,4 @@ def predicts(drift: Floats, observed: Floats) -> bool:
     gyroscope read, rad/s; NaN where it did not.
     """
     power = np.nanmean(np.square(observed)) if np.isfinite(observed).any() else 0.0
-    return bool(np.mean(np.square(drift)) < PREDICTED_SHARE**2 * power)
+    return bool(np.mean(np.square(drift)) < thresholds.PREDICTED_SHARE**2 * power)

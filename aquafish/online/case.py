@@ -11,23 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish.online.recognition import Recognised, recognise
 from aquafish.online.self_model import noise_of, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.damage import MAXIMUM_FAULTS
 from aquafish_gym.scenario import GYRO_CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
-
-SETTLED_CASE_ACTIONS = 10  # after an alarm, from which on the inferred fault is trusted
-OUTAGE_ACTIONS = 10  # at most, without any reading, before: it may have broken in them, too
-REOPENED_ACTIONS = 25  # after an alarm, within which another one may mean that its fault was wrong
-LONGEST_DELAY_ACTIONS = 5  # from a fault to its alarm
-CHARGED_STARTS = 3  # from which all hypotheses are simulated in the time of one inference
-# A channel is broken if its rms error is more than this, and than these multiples of the model's
-# own error and of the gyroscope's noise.
-CHANNEL_TOLERANCE = 0.02
-DRIFT_RATIO = 3.0
-NOISE_RATIO = 3.0
 
 
 class Moment(NamedTuple):
@@ -86,7 +76,7 @@ class Case:
 
     def settled(self, step: int) -> bool:
         """Whether an alarm at a step means another fault rather than a wrong belief."""
-        return step - self.step >= SETTLED_CASE_ACTIONS
+        return step - self.step >= thresholds.SETTLED_CASE_ACTIONS
 
     def is_due(self, step: int) -> bool:
         """Return whether the robot is inferred now, and count that as done."""
@@ -98,7 +88,7 @@ class Case:
     def look_back(self) -> None:
         """Let it have broken at other times: a mild fault takes a second to raise an alarm."""
         self.later = True
-        self.first = min(self.first, max(self.step - 1 - LONGEST_DELAY_ACTIONS, 0))
+        self.first = min(self.first, max(self.step - 1 - thresholds.LONGEST_DELAY_ACTIONS, 0))
 
     @property
     def _starts(self) -> int:
@@ -108,7 +98,7 @@ class Case:
     @property
     def inferences(self) -> int:
         """How many inferences of usual length one of this case takes."""
-        own = math.ceil(len(self.before) * self._starts / CHARGED_STARTS)
+        own = math.ceil(len(self.before) * self._starts / thresholds.CHARGED_STARTS)
         return own + (self.earlier.inferences if self.earlier is not None else 0)
 
     def explain(self, moments: Moments, drift: Floats, gyro_noise: float, hold: int) -> Recognised:
@@ -133,8 +123,10 @@ class Case:
         states = [moments[0].state]
         for action in actions[: self._starts - 1]:
             states.append(predict(self.before[0], states[-1], action[None], hold)[1][:, 0])
-        tolerance = np.maximum(DRIFT_RATIO * drift, CHANNEL_TOLERANCE)
-        tolerance[GYRO_CHANNELS] = np.maximum(tolerance[GYRO_CHANNELS], NOISE_RATIO * gyro_noise)
+        tolerance = np.maximum(thresholds.DRIFT_RATIO * drift, thresholds.CHANNEL_TOLERANCE)
+        tolerance[GYRO_CHANNELS] = np.maximum(
+            tolerance[GYRO_CHANNELS], thresholds.NOISE_RATIO * gyro_noise
+        )
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
         # The robot has all of them; what is said of it has the latest.
         faults = self.broken[found.before].faults + found.damage.faults
@@ -168,13 +160,13 @@ def open_case(
     used = np.isfinite(noise_of(robots[0]))
     step = len(moments)
     first = max(step - 1 - back, 0)
-    earliest = max(first - OUTAGE_ACTIONS, 0)
+    earliest = max(first - thresholds.OUTAGE_ACTIONS, 0)
     for moment in reversed(moments.since(earliest)[: first - earliest]):
         if np.isfinite(moment.observed[used]).any():
             break
         first -= 1
     case = Case(step, robots, [broken for _, broken in beliefs], first, due)
     believed = recent is not None and recent.before[0] is not robots[0]
-    if recent is not None and believed and step - recent.step <= REOPENED_ACTIONS:
+    if recent is not None and believed and step - recent.step <= thresholds.REOPENED_ACTIONS:
         case.earlier = recent
     return case

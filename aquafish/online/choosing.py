@@ -10,35 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online import thresholds
 from aquafish.online.belief import Water
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import gait_to_refine, imagine
 from aquafish.online.self_model import SelfModel
 from aquafish.online.swimming import Ahead, Gait, Swimmer, act_in, begin_gait, swim_ahead
 from aquafish.online.teacher import Teacher
-from aquafish.online.teacher_gait import (
-    FIRST_SIGMA,
-    LATER_SIGMA,
-    TeacherAgent,
-    TeacherGait,
-    imagine_teacher,
-    refine_teacher,
-)
+from aquafish.online.teacher_gait import TeacherAgent, TeacherGait, imagine_teacher, refine_teacher
 from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.search.evolve import EvolveConfig, evolve_gait
-
-SHORTEST_REFINEMENT_SECONDS = 2.0
-LONGEST_COMPARISON_SECONDS = 60.0  # a longer one does not end within the time for thinking
-REFINED_GAITS = 8  # of its own, the latest, among which it chooses beside the library's
-# In foreign water the model is good for a few seconds. So the gait is chosen again and again; a
-# change must gain a share of the way, or of that at a speed of 0.5 units/s.
-CHOOSE_AGAIN_SECONDS = 3.0
-AHEAD_SECONDS = 10.0
-SHORTEST_AHEAD_SECONDS = 2.0
-LEAST_GAIN = 0.04
-SLOW_SPEED = 0.5
 
 
 class _Effort(NamedTuple):
@@ -87,7 +70,7 @@ class GaitChooser:
         self.until = config.seconds
         self.dt = dt
         self.events = events
-        self.refined: deque[Gait] = deque(maxlen=REFINED_GAITS)
+        self.refined: deque[Gait] = deque(maxlen=thresholds.REFINED_GAITS)
         self.action: NDArray[np.float32] = np.zeros(3, np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
@@ -160,11 +143,14 @@ class GaitChooser:
 
     def choose_again(self, model: SelfModel, step: int) -> None:
         """In foreign water that the model predicts, change the gait every now and then."""
-        seconds = min(AHEAD_SECONDS, self.until - step * self.dt)
-        if step % max(1, round(CHOOSE_AGAIN_SECONDS / self.dt)) or seconds < SHORTEST_AHEAD_SECONDS:
+        seconds = min(thresholds.AHEAD_SECONDS, self.until - step * self.dt)
+        if (
+            step % max(1, round(thresholds.CHOOSE_AGAIN_SECONDS / self.dt))
+            or seconds < thresholds.SHORTEST_AHEAD_SECONDS
+        ):
             return
         swum = self._swimming
-        event = self._choose(model, step, seconds, Water(foreign=True), LEAST_GAIN)
+        event = self._choose(model, step, seconds, Water(foreign=True), thresholds.LEAST_GAIN)
         if self._swimming is not swum:
             self.events.append(event)
 
@@ -181,7 +167,7 @@ class GaitChooser:
             far = np.concatenate([far, taught_far])
         going_on = swim_ahead(self._swimming, model, 0, round(seconds / self.dt)).way
         about = f"to go on, which should make {going_on:.1f} units"
-        needed = least_gain * max(SLOW_SPEED * seconds, abs(going_on))
+        needed = least_gain * max(thresholds.SLOW_SPEED * seconds, abs(going_on))
         best = int(far.argmax())
         if far[best] > going_on + needed:
             about = f"{self._name(best)}, which should make {far[best]:.1f} units"
@@ -212,7 +198,7 @@ class GaitChooser:
 
     def _left(self, step: int) -> float:
         """Return for how long, s, gaits are compared that begin at a step."""
-        return min(self.until - step * self.dt, LONGEST_COMPARISON_SECONDS)
+        return min(self.until - step * self.dt, thresholds.LONGEST_COMPARISON_SECONDS)
 
     def _refine(self, model: SelfModel, step: int) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done.
@@ -228,7 +214,7 @@ class GaitChooser:
             effort = self._efforts[0]
         actions = thinking_actions(effort.seconds, self.dt)
         left = self._left(step + actions)
-        if not self._rounds or left < SHORTEST_REFINEMENT_SECONDS:
+        if not self._rounds or left < thresholds.SHORTEST_REFINEMENT_SECONDS:
             return
         self._rounds -= 1
         self._efforts = self._efforts[1:]
@@ -238,7 +224,7 @@ class GaitChooser:
         if both or not taught:
             found += self._refine_controller(model, ahead, left, effort)
         if taught or (both and self.teachers):
-            sigma = FIRST_SIGMA if both else LATER_SIGMA
+            sigma = thresholds.TEACHER_FIRST_SIGMA if both else thresholds.TEACHER_LATER_SIGMA
             found.append(self._refine_teacher(model, ahead, left, effort, actions, sigma))
         found.sort(key=lambda one: -one[1])
         about = f"from {ahead.way:.1f} to {found[0][1]:.1f} units"

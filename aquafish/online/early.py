@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish.online.case import Case, Moment
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor, chance_bound
-from aquafish.online.self_model import LEAST_OBSERVATION_SD, SelfModel
+from aquafish.online.self_model import SelfModel
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.array_types import Floats
 
-KNOWN_ACTIONS = 5  # after which the whole robot may be recognised
-#: At most, from the surprise of one filter to that of the last: a filter whose current wanders
-#: takes a mild fault for a current at first.
-SUSPICION_ACTIONS = 5
-#: Numbers of observations with which damage from the start is tried.
-START_INFERENCES = (10, 15, 20, 30, 40)
-#: Rms error of the model's own predictions that is assumed before it is measured.
-EARLY_DRIFT: Floats = np.full(len(CHANNELS), 5 * LEAST_OBSERVATION_SD)
+
+def early_drift() -> Floats:
+    """Return the rms error (9,) of the model's own predictions, before it is measured."""
+    return np.full(len(CHANNELS), thresholds.EARLY_DRIFT_RATIO * thresholds.LEAST_OBSERVATION_SD)
 
 
 class EarlyWatch:
@@ -59,7 +56,7 @@ class EarlyWatch:
         self._chosen = calibration.exact[0]
         self._alarmed = False
         self.monitor = SurpriseMonitor()
-        self.case: Case | None = self._open(calibration.exact, 1, 0, START_INFERENCES)
+        self.case: Case | None = self._open(calibration.exact, 1, 0, thresholds.START_INFERENCES)
 
     @property
     def explaining(self) -> bool:
@@ -90,7 +87,7 @@ class EarlyWatch:
         if not self._watched:
             for i in self._calibration.exact:
                 total, used = np.sum(squares[i], axis=0)
-                if len(squares[i]) >= KNOWN_ACTIONS and total <= chance_bound(int(used)):
+                if len(squares[i]) >= thresholds.KNOWN_ACTIONS and total <= chance_bound(int(used)):
                     self._watched[i] = SurpriseMonitor()
                     for square, count in squares[i]:
                         self._watched[i].add(square, count, calm=True)
@@ -105,7 +102,7 @@ class EarlyWatch:
             recent = [
                 i
                 for i in self._calibration.exact
-                if i in since and steps - since[i] <= SUSPICION_ACTIONS
+                if i in since and steps - since[i] <= thresholds.SUSPICION_ACTIONS
             ]
             self._alarmed = True
             self._chosen = recent[0]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from aquafish.online import thresholds
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
@@ -15,7 +16,6 @@ from gait.controllers.controller import Controller
 from gait.swims.scores import scores
 
 LIBRARY_SCHEMA = "aquafish.library/1"
-MAXIMUM_REFINED_NODES = 30  # nodes of a network that CMA-ES refines in a second
 
 
 def read_library(path: Path | None = None) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def gait_to_refine(
 
     The others are compared as by :func:`imagine`. ``swum`` is None for a teacher's.
     """
-    if swum is not None and swum.nodes <= MAXIMUM_REFINED_NODES:
+    if swum is not None and swum.nodes <= thresholds.MAXIMUM_REFINED_NODES:
         return swum
-    small = [gait for gait in gaits if gait.nodes <= MAXIMUM_REFINED_NODES]
+    small = [gait for gait in gaits if gait.nodes <= thresholds.MAXIMUM_REFINED_NODES]
     return small[int(imagine(small, robot, state, seconds).argmax())] if small else None

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.damage.words import PARTS, Range, needs_number
@@ -31,7 +32,6 @@ FIRST_NUMBERS: dict[str, tuple[float, ...]] = {
     "reversed": (0.0,),
     "seized": (0.0,),
 }
-NUMBER_MARGIN = 0.02  # from a number that is another hypothesis
 
 
 def _searched(number: Range) -> tuple[float, float]:
@@ -40,9 +40,9 @@ def _searched(number: Range) -> tuple[float, float]:
     A broken fin has less than a whole one, which a factor of 1 leaves whole. A factor of 0 is a fin
     that is missing or a servo that is seized, and a negative one a servo that is reversed.
     """
-    low = max(number.low, 0.0) + NUMBER_MARGIN
+    low = max(number.low, 0.0) + thresholds.NUMBER_MARGIN
     high = min(number.high, 1.0)
-    return low, high - NUMBER_MARGIN if number.neutral == 1.0 else high
+    return low, high - thresholds.NUMBER_MARGIN if number.neutral == 1.0 else high
 
 
 #: Of the words that take a number.
@@ -51,10 +51,6 @@ NUMBER_RANGES = {
     for word in FIRST_NUMBERS
     if needs_number(number := PARTS["caudal"][word])
 }
-# Minus the log prior of each fault and number.
-WORD_COST = 2.0
-NUMBER_COST = 1.0
-STENCIL = np.array([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])  # of numbers about one, in their spacing
 
 FinFaults = tuple[tuple[str, str], ...]  # pairs of a fin and a word
 
@@ -72,7 +68,9 @@ class DamageGrid(NamedTuple):
     def around(self, spacing: float) -> DamageGrid:
         """Return the damages whose numbers lie about those of the first one."""
         axes = [
-            np.unique(np.clip(number + spacing * STENCIL, *NUMBER_RANGES[word])).tolist()
+            np.unique(
+                np.clip(number + spacing * np.array(thresholds.STENCIL), *NUMBER_RANGES[word])
+            ).tolist()
             if word in NUMBER_RANGES
             else [number]
             for (_, word), number in zip(self.words, self.numbers[0].tolist(), strict=True)
@@ -116,7 +114,7 @@ class DamageGrid(NamedTuple):
     @property
     def prior_cost(self) -> float:
         """Minus the log prior of each of them."""
-        return WORD_COST * len(self.words) + NUMBER_COST * len(self.free)
+        return thresholds.WORD_COST * len(self.words) + thresholds.NUMBER_COST * len(self.free)
 
     def damage(self) -> Damage:
         """Return the first one."""

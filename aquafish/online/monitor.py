@@ -6,22 +6,15 @@ Changes in a recorded log, without a state before them, are ``eea.infer.known``'
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri
 
+from aquafish.online import thresholds
 from aquafish.online.case import Moment
 from aquafish.online.recognition import find_fins
-from aquafish.online.self_model import (
-    FIN_ERRORS,
-    LEAST_OBSERVATION_SD,
-    MODEL_ERROR,
-    START_ERROR,
-    VELOCITY_ERRORS,
-    SelfModel,
-    predict,
-)
+from aquafish.online.self_model import FIN_ERRORS, VELOCITY_ERRORS, SelfModel, predict
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
@@ -33,33 +26,7 @@ from aquafish_gym.utils.validation import (
     spelled,
 )
 
-WINDOWS = (1, 2, 4, 8, 16)  # numbers of actions over which squared innovations are summed
-# Probability of a false alarm in an action and window, if the model has no error.
-ACTION_ALARM_PROBABILITY = 1e-7
-# An alarm needs a sum of this many times the largest one before anything broke: in water that the
-# model describes, and in foreign water.
-SURPRISE_MARGIN = 2.0
-FOREIGN_SURPRISE_MARGIN = 5.0
-FIN_ANGLE_ACTIONS = 5  # with readings, after which unknown fin angles are estimated
-FIN_ANGLE_ERROR = 0.2  # standard deviation of the estimated angles, rad
-WATER_ACTIONS = 25  # after which the water's kind is chosen
-CALIBRATION_ACTIONS = 50  # after which the calibration is complete
-UNCOUNTED_ACTIONS = 5  # the last ones of a watched filter
-SETTLED_ACTIONS = 10  # after which the filter has forgotten its initial state
-SILENT_ACTIONS = 3  # after which a channel without a reading is reported
-GLITCH_SDS = 10.0  # standard deviations beyond which a single reading is ignored as a glitch
-ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # factors on ``MODEL_ERROR`` that are tried
-WANDERING_SPEED = 0.01  # units/s; standard deviation of a wandering current's change in an action
-#: Model error of a robot and water that are exact, but for a current that wanders.
-WANDERING_ERROR: Floats = MODEL_ERROR.copy()
-WANDERING_ERROR[VELOCITY_ERRORS] = WANDERING_SPEED
-WANDERING_COST = 10.0  # minus the log prior of a current that wanders
-WANDERING_MARGIN = 2.0  # factor on the measured drift: elsewhere it may wander faster
-FOREIGN_ERROR_SCALE = 100.0  # least factor with which the water counts as foreign
 WATERS = (False, True)  # without and with added mass
-DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag tried in foreign water
-PREDICTED_ACTIONS = 10  # length of an open-loop prediction
-PREDICTION_INTERVAL = 5  # actions from the start of an open-loop prediction to the next
 
 
 @dataclass
@@ -71,7 +38,7 @@ class SurpriseMonitor:
     that is larger than noise.
     """
 
-    margin: float = SURPRISE_MARGIN
+    margin: float = thresholds.SURPRISE_MARGIN
     squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
     used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
     highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
@@ -86,9 +53,9 @@ class SurpriseMonitor:
         """
         self.squares.append(square)
         self.used.append(used)
-        del self.squares[: -max(WINDOWS)], self.used[: -max(WINDOWS)]
+        del self.squares[: -max(thresholds.WINDOWS)], self.used[: -max(thresholds.WINDOWS)]
         alarming = False
-        for window in WINDOWS:
+        for window in thresholds.WINDOWS:
             if len(self.squares) < window:
                 break
             total = sum(self.squares[-window:])
@@ -132,17 +99,21 @@ class ReadingHistory:
         fresh = np.isfinite(observed)
         self._last[:, fresh] = self._last[1, fresh], observed[fresh]
         self._silence = np.where(fresh, 0, self._silence + 1)
-        new = self._expected & (self._silence == SILENT_ACTIONS) & (self._longest < SILENT_ACTIONS)
+        new = (
+            self._expected
+            & (self._silence == thresholds.SILENT_ACTIONS)
+            & (self._longest < thresholds.SILENT_ACTIONS)
+        )
         self._longest = np.maximum(self._longest, self._silence)
         return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]
 
 
-@cache
 def chance_bound(freedom: int) -> float:
-    """Return the bound on the sum of ``freedom`` squared innovations for noise alone."""
-    from scipy.stats import chi2  # slow to import
+    """Return the bound on the sum of ``freedom`` squared innovations for noise alone.
 
-    return float(chi2.isf(ACTION_ALARM_PROBABILITY, freedom)) if freedom else 0.0
+    It is a quantile of chi-squared.
+    """
+    return float(chdtri(freedom, thresholds.ALARM_PROBABILITY)) if freedom else 0.0
 
 
 class ErrorCalibration:
@@ -177,18 +148,19 @@ class ErrorCalibration:
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
         self.unknown = fin_angles is None
         self.fitted = False
-        self._checks = [WATER_ACTIONS, CALIBRATION_ACTIONS]  # of the water, to come
+        # Of the water, to come.
+        self._checks = [thresholds.WATER_ACTIONS, thresholds.CALIBRATION_ACTIONS]
         self._hold = hold
-        self._start_error = START_ERROR
+        self._start_error = thresholds.START_ERROR
         self._fins = np.zeros(3) if fin_angles is None else fin_angles
         self._past: list[tuple[Floats, Floats]] = []
         self._begin()
 
     def _begin(self) -> None:
         """Start new filters, and let them repeat all actions and observations so far."""
-        errors = [MODEL_ERROR * scale for scale in ERROR_SCALES]
+        errors = [thresholds.MODEL_ERROR * scale for scale in thresholds.ERROR_SCALES]
         if not self.fitted:
-            errors.insert(0, WANDERING_ERROR)
+            errors.insert(0, wandering_error())
         self.models = [
             SelfModel(robot, self._fins, error, self._start_error, self._hold)
             for robot in self._robots
@@ -203,7 +175,7 @@ class ErrorCalibration:
 
     def _forget_likelihoods(self) -> None:
         for model in self.models:
-            model.log_likelihood = -WANDERING_COST if wanders(model) else 0.0
+            model.log_likelihood = -thresholds.WANDERING_COST if wanders(model) else 0.0
 
     @property
     def exact(self) -> list[int]:
@@ -211,7 +183,11 @@ class ErrorCalibration:
 
         Those of a current that wanders come last.
         """
-        least = [i for i, one in enumerate(self.models) if one.model_error[0] == MODEL_ERROR[0]]
+        least = [
+            i
+            for i, one in enumerate(self.models)
+            if one.model_error[0] == thresholds.MODEL_ERROR[0]
+        ]
         return sorted(least, key=lambda i: wanders(self.models[i]))
 
     @property
@@ -236,7 +212,9 @@ class ErrorCalibration:
     @property
     def foreign(self) -> bool:
         """Whether the water is foreign: the likeliest model has a large error in it."""
-        return bool(self.model.model_error[0] >= FOREIGN_ERROR_SCALE * MODEL_ERROR[0])
+        return bool(
+            self.model.model_error[0] >= thresholds.FOREIGN_ERROR_SCALE * thresholds.MODEL_ERROR[0]
+        )
 
     def add(self, action: Floats, observed: Floats, check: bool = True) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether it was the last.
@@ -254,10 +232,10 @@ class ErrorCalibration:
         past.append((action, observed))
         self._step(action, observed)
         with_readings = sum(bool(np.isfinite(seen).any()) for _, seen in past)
-        if self.unknown and with_readings == FIN_ANGLE_ACTIONS:
+        if self.unknown and with_readings == thresholds.FIN_ANGLE_ACTIONS:
             self.unknown = False
-            self._start_error = START_ERROR.copy()
-            self._start_error[FIN_ERRORS] = FIN_ANGLE_ERROR
+            self._start_error = thresholds.START_ERROR.copy()
+            self._start_error[FIN_ERRORS] = thresholds.FIN_ANGLE_ERROR
             actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
             self._begin()
@@ -266,9 +244,11 @@ class ErrorCalibration:
             if self.foreign and not self.fitted:
                 robot = self.model.robot
                 self.fitted = True
-                self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
+                self._robots = [
+                    replace(robot, drag=np.array([[drag, 1.0]])) for drag in thresholds.DRAGS
+                ]
                 self._begin()
-        return len(past) >= CALIBRATION_ACTIONS
+        return len(past) >= thresholds.CALIBRATION_ACTIONS
 
     def _step(self, action: Floats, observed: Floats) -> None:
         states = [model.state for model in self.models]
@@ -280,7 +260,7 @@ class ErrorCalibration:
         ):
             moments.append(Moment(state, action, observed))
             squares.append((model.correct(observed), int(model.used(observed).sum())))
-        if len(self.squares[0]) == SETTLED_ACTIONS:
+        if len(self.squares[0]) == thresholds.SETTLED_ACTIONS:
             self._forget_likelihoods()
 
     def _without_glitches(self, observed: Floats) -> Floats:
@@ -293,7 +273,7 @@ class ErrorCalibration:
         before = self._surprising
         self._surprising = np.ones(len(CHANNELS), np.bool_)
         for model in reversed(self.models):  # that of the largest error is surprised least
-            self._surprising &= model.surprise(observed) > GLITCH_SDS
+            self._surprising &= model.surprise(observed) > thresholds.GLITCH_SDS
             if not self._surprising.any():
                 break
         return np.where(self._surprising & ~before, np.nan, observed)
@@ -306,18 +286,22 @@ class ErrorCalibration:
         the current wanders the returned error is doubled: it may wander faster in another place.
         """
         best = self.best if known is None else known
-        counted = None if known is None else -UNCOUNTED_ACTIONS
+        counted = None if known is None else -thresholds.UNCOUNTED_ACTIONS
         model = self.models[best]
         moments = self.moments[best][:counted]
         errors = []
         foreign = self.foreign and known is None
-        monitor = SurpriseMonitor(FOREIGN_SURPRISE_MARGIN if foreign else SURPRISE_MARGIN)
-        for square, used in self.squares[best][SETTLED_ACTIONS:counted]:
+        monitor = SurpriseMonitor(
+            thresholds.FOREIGN_SURPRISE_MARGIN if foreign else thresholds.SURPRISE_MARGIN
+        )
+        for square, used in self.squares[best][thresholds.SETTLED_ACTIONS : counted]:
             monitor.add(square, used, calm=True)
         for first in range(
-            SETTLED_ACTIONS, len(moments) - PREDICTED_ACTIONS + 1, PREDICTION_INTERVAL
+            thresholds.SETTLED_ACTIONS,
+            len(moments) - thresholds.PREDICTED_ACTIONS + 1,
+            thresholds.PREDICTION_INTERVAL,
         ):
-            part = moments[first : first + PREDICTED_ACTIONS]
+            part = moments[first : first + thresholds.PREDICTED_ACTIONS]
             actions = np.array([moment.action for moment in part])
             predicted, _ = predict(model.robot, part[0].state, actions, self._hold)
             errors.append(predicted[0] - np.array([moment.observed for moment in part]))
@@ -326,10 +310,17 @@ class ErrorCalibration:
         mean = np.square(np.where(seen, errors, 0.0)).sum(axis=(0, 1)) / np.maximum(count, 1)
         mean[count == 0] = mean.max()  # of a channel that was never observed
         noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
-        drift = np.sqrt(np.maximum(mean - noise**2, LEAST_OBSERVATION_SD**2))
-        return monitor, WANDERING_MARGIN * drift if wanders(model) else drift
+        drift = np.sqrt(np.maximum(mean - noise**2, thresholds.LEAST_OBSERVATION_SD**2))
+        return monitor, thresholds.WANDERING_MARGIN * drift if wanders(model) else drift
+
+
+def wandering_error() -> Floats:
+    """Return the model error (12,) of an exact robot and water, where the current wanders."""
+    error = thresholds.MODEL_ERROR.copy()
+    error[VELOCITY_ERRORS] = thresholds.WANDERING_SPEED
+    return error
 
 
 def wanders(model: SelfModel) -> bool:
     """Return whether a filter of a calibration lets the current wander."""
-    return bool(np.array_equal(model.model_error, WANDERING_ERROR))
+    return bool(np.array_equal(model.model_error, wandering_error()))

@@ -15,46 +15,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish.online import thresholds
 from aquafish.online.belief import Belief, Trusted, Water, predicts
-from aquafish.online.case import CHANNEL_TOLERANCE, Case, Moment, Moments, open_case
+from aquafish.online.case import Case, Moment, Moments, open_case
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
-from aquafish.online.early import EARLY_DRIFT, EarlyWatch
-from aquafish.online.monitor import (
-    CALIBRATION_ACTIONS,
-    ERROR_SCALES,
-    SETTLED_ACTIONS,
-    WATER_ACTIONS,
-    ErrorCalibration,
-    ReadingHistory,
-    wanders,
-)
+from aquafish.online.early import EarlyWatch, early_drift
+from aquafish.online.monitor import ErrorCalibration, ReadingHistory, wanders
 from aquafish.online.recognition import Recognised, alike
-from aquafish.online.self_model import (
-    MODEL_ERROR,
-    RECOGNISED_ERROR,
-    SelfModel,
-    noise_of,
-    predict,
-)
+from aquafish.online.self_model import SelfModel, noise_of, predict
 from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 
-# The number of actions before an alarm in which the robot may have broken, by ``gyro_only``.
-ACTIONS_BEFORE_ALARM = {True: 5, False: 2}
-CONFIRMING_ACTIONS = 7  # after an alarm; what still fits then is trusted
-# In foreign water predictions are good for a few seconds. So inferences after an alarm use 3 to 12
-# observations, and for 50 actions there is no other alarm.
-FOREIGN_OBSERVATIONS = range(3, 13)
-QUIET_ACTIONS = 50
-WANDERING_OBSERVATIONS = 8  # at most, where a current wanders: predictions are good for 10 actions
-# Before an alarm, and between two that may be of one fault, an explanation looks back this far.
-REMEMBERED_ACTIONS = 100
-MOST_INFERENCES = 40  # of usual length that one takes
-ERROR_GROWTH = 3.0  # factor on the model's error at each alarm after the first
 SURPRISE = "this is not what the self-model predicts"
 UNKNOWN = "none of my hypotheses explains what I observe"
 
@@ -85,9 +60,9 @@ class Episode:
     def remembered(self, begun: Sequence[Moment] = ()) -> Moments:
         """Return moments of which as many are kept as an explanation may need."""
         config = self.config
-        longest = max(CALIBRATION_ACTIONS, *config.inferences)
-        thinking = thinking_actions(MOST_INFERENCES * config.inference_seconds, self.dt)
-        return Moments(longest + REMEMBERED_ACTIONS + thinking, begun)
+        longest = max(thresholds.CALIBRATION_ACTIONS, *config.inferences)
+        thinking = thinking_actions(thresholds.MOST_INFERENCES * config.inference_seconds, self.dt)
+        return Moments(longest + thresholds.REMEMBERED_ACTIONS + thinking, begun)
 
     @property
     def dt(self) -> float:
@@ -137,7 +112,7 @@ class Calibrating:
         self._calibration = ErrorCalibration(whole, fin_angles, episode.hold)
         self._early: EarlyWatch | None = None
         if fin_angles is not None and episode.watches:
-            back = ACTIONS_BEFORE_ALARM[config.gyro_only] if config.gyro_noise else 0
+            back = actions_before_alarm(config.gyro_only) if config.gyro_noise else 0
             self._early = EarlyWatch(self._calibration, back, config.inferences)
 
     @property
@@ -163,7 +138,7 @@ class Calibrating:
         if unknown and not calibration.unknown:
             episode.log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
             episode.chooser.begin(self.model)
-        if episode.steps == WATER_ACTIONS and calibration.other_water and not explaining:
+        if episode.steps == thresholds.WATER_ACTIONS and calibration.other_water and not explaining:
             episode.log("water", calibration.other_water)
             episode.change_gait(self.model, self.water)
         if early is not None:
@@ -182,7 +157,7 @@ class Calibrating:
         if case is None:
             return
         began = time.process_time()
-        found = episode.explain(case, episode.remembered(early.moments), EARLY_DRIFT)
+        found = episode.explain(case, episode.remembered(early.moments), early_drift())
         if found is None or found.unchanged or not found.fits:
             return
         if self.water.foreign or found.decided or not case.due:
@@ -196,8 +171,8 @@ class Calibrating:
         monitor, drift = calibration.finish(known)
         predicted = True
         if foreign:
-            moments = self.episode.moments.since(SETTLED_ACTIONS)
-            moments = moments[: CALIBRATION_ACTIONS - SETTLED_ACTIONS]
+            moments = self.episode.moments.since(thresholds.SETTLED_ACTIONS)
+            moments = moments[: thresholds.CALIBRATION_ACTIONS - thresholds.SETTLED_ACTIONS]
             gyro = np.array([moment.observed[GYRO_CHANNELS] for moment in moments])
             predicted = predicts(drift[GYRO_CHANNELS], gyro)
         water = Water(foreign, predicted, wanders(model))
@@ -221,7 +196,7 @@ class Calibrating:
         intact = case.before[found.before]
         water = Water(wandering=wanders(early.model))
         model = early.model.copy()
-        belief = Belief(model, Damage(), intact, EARLY_DRIFT, early.monitor, water)
+        belief = Belief(model, Damage(), intact, early_drift(), early.monitor, water)
         trusted = Trusted(belief.copy(), episode.chooser.gait)
         after = Watching(episode, belief, trusted, first_case=case)
         after.believe(found, thought.event)
@@ -289,23 +264,26 @@ class Watching:
         belief = self.belief
         config = episode.config
         used = np.isfinite(noise_of(belief.intact))
-        exact = not config.gyro_noise and belief.drift[used].max() < CHANNEL_TOLERANCE
+        exact = not config.gyro_noise and belief.drift[used].max() < thresholds.CHANNEL_TOLERANCE
         if self.water.foreign:  # how surprising another gait is must be learned after each alarm
-            self.quiet = episode.steps + QUIET_ACTIONS
+            self.quiet = episode.steps + thresholds.QUIET_ACTIONS
         elif self.trusted is None:
             self.trusted = Trusted(belief.copy(), episode.chooser.gait)
         if any(event.what == "alarm" for event in episode.events):
-            most = ERROR_SCALES[-1] * MODEL_ERROR
-            belief.model.model_error = np.minimum(ERROR_GROWTH * belief.model.model_error, most)
+            most = thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR
+            belief.model.model_error = np.minimum(
+                thresholds.ERROR_GROWTH * belief.model.model_error, most
+            )
         due = list(config.inferences)
         if self.water.foreign:
-            due = [k for k in due if k in FOREIGN_OBSERVATIONS]
+            fewest = thresholds.FEWEST_FOREIGN_OBSERVATIONS
+            due = [k for k in due if fewest <= k <= thresholds.MOST_FOREIGN_OBSERVATIONS]
         if self.water.wandering:
-            due = [k for k in due if k <= WANDERING_OBSERVATIONS]
+            due = [k for k in due if k <= thresholds.MOST_WANDERING_OBSERVATIONS]
         beliefs = [(belief.model.robot, belief.damage)]
         if belief.model.robot is not belief.intact:  # what broke may have ended
             beliefs.append((belief.intact, Damage()))
-        back = 0 if exact else ACTIONS_BEFORE_ALARM[config.gyro_only]
+        back = 0 if exact else actions_before_alarm(config.gyro_only)
         case = open_case(beliefs, episode.moments, back, due or [1], self.first_case)
         if case.earlier is None:
             self.first_case = case
@@ -321,7 +299,7 @@ class Watching:
             self._doubt(last=not case.due)
             return self
         episode.recognised = found
-        if thought.event.seconds >= (case.step + CONFIRMING_ACTIONS) * episode.dt:
+        if thought.event.seconds >= (case.step + thresholds.CONFIRMING_ACTIONS) * episode.dt:
             self.trusted = None
         if not found.explained:
             episode.log("unknown", UNKNOWN)
@@ -337,7 +315,7 @@ class Watching:
         changed = not alike(robot, belief.model.robot)
         belief.monitor.clear()
         belief.damage = found.damage
-        belief.model.model_error = np.maximum(belief.model.model_error, RECOGNISED_ERROR)
+        belief.model.model_error = np.maximum(belief.model.model_error, thresholds.RECOGNISED_ERROR)
         moments = self.episode.moments
         if self.water.wandering:  # without corrections it is wrong after two seconds
             belief.model.become(robot, found.start)
@@ -407,10 +385,15 @@ class Explaining(Watching):
         if doubted:
             self.case.look_back()
             if not self.case.due and self.trusted is not None:  # what surprises it now is usual
-                self.quiet = self.episode.steps + QUIET_ACTIONS
+                self.quiet = self.episode.steps + thresholds.QUIET_ACTIONS
         usable = self.water.foreign or found.decided
         if not self.case.due or (self._believes_anew if doubted else usable):
             self.episode.think(self.case, found, began)
+
+
+def actions_before_alarm(gyro_only: bool) -> int:
+    """Return the number of actions before an alarm in which the robot may have broken."""
+    return thresholds.ACTIONS_BEFORE_GYRO_ALARM if gyro_only else thresholds.ACTIONS_BEFORE_ALARM
 
 
 Phase = Calibrating | Watching

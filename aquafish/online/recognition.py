@@ -11,24 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aquafish.online.search import (
-    NARROWED_HYPOTHESES,
-    NARROWING_ROUNDS,
-    Alternative,
-    Search,
-    leaves_noise,
-    mismatch,
-)
+from aquafish.online import thresholds
+from aquafish.online.search import Alternative, Search, leaves_noise, mismatch
 from aquafish.online.self_model import noise_of, predict
 from aquafish.online.sensor_faults import SENSOR_FIELDS, with_sensors
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
-
-FIT_MARGIN = 1.5  # times the expected rms error, which a true hypothesis does not leave
-SAME_GAIT_DIFFERENCE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
-POSES_PER_FIN = 16  # from which its initial angle is narrowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +129,7 @@ def recognise(
     silent = search.silent & used
     robot, sensors, odd = with_sensors(robot, errors, silent, search.zero, search.noise, tolerance)
     left = observed[onset:] - predicted[0] - robot.sensor_bias[0]
-    fits = not odd and leaves_noise(left, FIT_MARGIN * np.hypot(noise_of(robot), drift))
+    fits = not odd and leaves_noise(left, thresholds.FIT_MARGIN * np.hypot(noise_of(robot), drift))
     something = bool(damage or likeliest.current or sensors or odd)
     return Recognised(
         damage=damage,
@@ -166,13 +156,13 @@ def find_fins(
     ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
     each of its actions (K, 3).
     """
-    turn = 2 * np.pi * np.arange(POSES_PER_FIN) / POSES_PER_FIN
+    turn = 2 * np.pi * np.arange(thresholds.POSES_PER_FIN) / thresholds.POSES_PER_FIN
     spacing = turn[1]
     grid = np.stack(np.meshgrid(turn, turn, turn), -1)
     stencil = np.arange(-1, 2)
     around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
     poses: Floats = grid.reshape(-1, 3)
-    for _ in range(NARROWING_ROUNDS):
+    for _ in range(thresholds.NARROWING_ROUNDS):
         costs = np.min(
             [
                 mismatch(
@@ -186,7 +176,7 @@ def find_fins(
             ],
             axis=0,
         )
-        best = poses[np.argsort(costs, kind="stable")[:NARROWED_HYPOTHESES]]
+        best = poses[np.argsort(costs, kind="stable")[: thresholds.NARROWED_HYPOTHESES]]
         spacing /= 2
         poses = (best[:, None] + spacing * around).reshape(-1, 3)
     found: Floats = best[0]
@@ -197,4 +187,4 @@ def alike(one: Scenario, other: Scenario) -> bool:
     """Return whether two robots need no different gaits: their sizes and gains are alike."""
     sizes = np.abs(one.body - other.body).max()
     gains = np.abs(one.servo_gain - other.servo_gain).max()
-    return bool(max(sizes, gains) <= SAME_GAIT_DIFFERENCE)
+    return bool(max(sizes, gains) <= thresholds.SAME_GAIT_DIFFERENCE)

@@ -16,36 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish.online.hypotheses import DamageGrid, FinFaults, all_hypotheses, broken
-from aquafish.online.self_model import LEAST_OBSERVATION_SD, noise_of, predict
-from aquafish.online.sensor_faults import (
-    BIAS_COST,
-    FEWEST_OBSERVATIONS,
-    NOISE_EXCESS,
-    repeated_channels,
-)
+from aquafish.online.self_model import noise_of, predict
+from aquafish.online.sensor_faults import repeated_channels
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
-
-COMPARED_ACTIONS = 8  # over which all hypotheses are compared
-NARROWED_HYPOTHESES = 16  # in the first two rounds
-LATE_HYPOTHESES = 4  # in later rounds
-NARROWING_ROUNDS = 6
-FIRST_SPACING = 0.12  # of the numbers that are tried
-SPACING_RATIO = 2.6  # of the spacing in a round to that in the next
-THIRD_PAIRS = 24  # of words, to which a third fault is added
-#: Of how many of them the numbers take a Gauss-Newton step, the first, the second and so on.
-THIRD_DESCENTS = (48, 24, 12, 8, 4, 4)
-NUMBER_DIFFERENCE = 0.01  # of a number, over which a slope is measured
-STEP_LENGTHS = (0.1, 0.3, 0.6, 1.0)
-THIRD_CASES = 2  # robots before and onsets, of which those pairs are
-DECIDED_NATS = math.log(1000.0)  # by which broken fins must be likelier than a current, or nothing
-CURRENT_COST = 10.0  # minus the log prior of a current that begins
-CURRENT_DIFFERENCE = 0.02  # units/s, over which a slope is measured
-CURRENT_DESCENTS = 6  # Gauss-Newton steps from no current, at most
-CURRENT_PRECISION = 0.002  # units/s: a shorter step is the last
 
 
 class Alternative(NamedTuple):
@@ -143,7 +121,8 @@ class Search:
 
         A current that begins looks like one for an observation or two.
         """
-        return not candidate.grid.words or self.best[()].cost - candidate.cost > DECIDED_NATS
+        least = math.log(thresholds.DECIDED_RATIO)
+        return not candidate.grid.words or self.best[()].cost - candidate.cost > least
 
     def _fits(self, candidate: Candidate) -> bool:
         """Return whether the errors that a hypothesis leaves are as small as chance allows."""
@@ -159,7 +138,7 @@ class Search:
         everything = all_hypotheses()
         prior = _priors(everything)
         banks = [broken(robot, everything) for robot in self._before]
-        until = COMPARED_ACTIONS + len(self._states)
+        until = thresholds.COMPARED_ACTIONS + len(self._states)
         self._first = np.array(
             [
                 self._costs(banks[b], case, self._states[onset], until) + prior
@@ -167,7 +146,7 @@ class Search:
             ]
         )
         self._each = [(grid, row) for grid in everything for row in range(len(grid.numbers))]
-        order = np.argsort(self._first, axis=None, kind="stable")[:NARROWED_HYPOTHESES]
+        order = np.argsort(self._first, axis=None, kind="stable")[: thresholds.NARROWED_HYPOTHESES]
         chosen = []
         for place in order.tolist():
             case, number = divmod(place, len(prior))
@@ -177,16 +156,18 @@ class Search:
 
     def third(self) -> Candidate:
         """Return the best of the best pairs with a third fault; after :meth:`pairs`."""
-        until = COMPARED_ACTIONS + len(self._states)
+        until = thresholds.COMPARED_ACTIONS + len(self._states)
         ends = []
-        for case in np.argsort(self._first.min(axis=1), kind="stable")[:THIRD_CASES].tolist():
+        for case in np.argsort(self._first.min(axis=1), kind="stable")[
+            : thresholds.THIRD_CASES
+        ].tolist():
             b, onset = self.cases[case]
             pairs: dict[FinFaults, DamageGrid] = {}
             for number in np.argsort(self._first[case], kind="stable").tolist():
                 grid, row = self._each[number]
                 if len(grid.words) == 2 and grid.words not in pairs:
                     pairs[grid.words] = grid.row(row)
-                if len(pairs) == THIRD_PAIRS:
+                if len(pairs) == thresholds.THIRD_PAIRS:
                     break
             grids = [more for pair in pairs.values() for more in pair.with_another()]
             robots = broken(self._before[b], grids)
@@ -200,7 +181,7 @@ class Search:
         for end in ends:  # the same words come in different orders
             several.setdefault((end.case, frozenset(end.grid.words)), end)
         ends = list(several.values())
-        for count in THIRD_DESCENTS:
+        for count in thresholds.THIRD_DESCENTS:
             ends = sorted(self._descend(ends[:count]), key=cost_of)
         for end in ends:
             words = end.grid.words
@@ -214,14 +195,14 @@ class Search:
             b, onset = self.cases[case]
             start = self._states[onset]
             grids = [end.grid for end in ends if end.case == case]
-            tried = [grid.beside(NUMBER_DIFFERENCE) for grid in grids]
+            tried = [grid.beside(thresholds.NUMBER_DIFFERENCE) for grid in grids]
             predicted = self._predict(broken(self._before[b], tried), case, start)
             ahead = []
             for grid, near, seen in zip(grids, tried, _parted(predicted, tried), strict=True):
                 moved = (near.numbers[1:] - near.numbers[0]).sum(axis=1)
                 step = np.zeros(grid.numbers.shape[1])
                 step[grid.free] = self._gauss_newton(case, seen, moved)
-                ahead.append(grid.along(step, STEP_LENGTHS))
+                ahead.append(grid.along(step, thresholds.STEP_LENGTHS))
             costs = self._costs(broken(self._before[b], ahead), case, start) + _priors(ahead)
             for grid, part in zip(ahead, _parted(costs, ahead), strict=True):
                 best = int(part.argmin())
@@ -239,7 +220,7 @@ class Search:
         seen = np.isfinite(errors) & np.isfinite(self._counted)
         errors = np.where(seen, errors, 0.0)
         squares = np.square(errors).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-        scale = np.sqrt(self._counted**2 + LEAST_OBSERVATION_SD**2 + squares)
+        scale = np.sqrt(self._counted**2 + thresholds.LEAST_OBSERVATION_SD**2 + squares)
         slopes = (predicted[1:] - predicted[0]) / moved[:, None, None]
         slopes = np.where(seen, slopes / scale, 0.0).reshape(len(moved), errors.size)
         errors = np.where(seen, errors / scale, 0.0).ravel()
@@ -248,8 +229,8 @@ class Search:
 
     def _narrow(self, chosen: list[tuple[int, DamageGrid]]) -> Candidate:
         """Narrow the numbers of pairs of a case and a damage; return the best."""
-        spacing = FIRST_SPACING
-        for turn in range(NARROWING_ROUNDS):
+        spacing = thresholds.FIRST_SPACING
+        for turn in range(thresholds.NARROWING_ROUNDS):
             ends = []
             for case in sorted({case for case, _ in chosen}):
                 b, onset = self.cases[case]
@@ -262,28 +243,30 @@ class Search:
             for end in ends:
                 words = end.grid.words
                 self.best[words] = min(end, self.best.get(words, end), key=cost_of)
-            count = NARROWED_HYPOTHESES if turn < 1 else LATE_HYPOTHESES
+            count = thresholds.NARROWED_HYPOTHESES if turn < 1 else thresholds.LATE_HYPOTHESES
             chosen = [(end.case, end.grid) for end in ends[:count]]
-            spacing /= SPACING_RATIO
+            spacing /= thresholds.SPACING_RATIO
         return ends[0]
 
     def currents(self) -> Candidate:
         """Return the best current that begins while the robot remains what it was."""
         nothing = all_hypotheses()[0]
         found = Candidate(np.inf, 0, nothing)
-        near = np.concatenate([np.zeros((1, 3)), CURRENT_DIFFERENCE * np.eye(3)])
-        moved = np.full(3, CURRENT_DIFFERENCE)
-        lengths = np.array([0.0, *STEP_LENGTHS])[:, None]
+        near = np.concatenate([np.zeros((1, 3)), thresholds.CURRENT_DIFFERENCE * np.eye(3)])
+        moved = np.full(3, thresholds.CURRENT_DIFFERENCE)
+        lengths = np.array([0.0, *thresholds.STEP_LENGTHS])[:, None]
         for case, (b, _) in enumerate(self.cases):
             current = np.zeros(3)
             robots = self._before[b].take(np.zeros(len(lengths), np.intp))
-            for _ in range(CURRENT_DESCENTS):
+            for _ in range(thresholds.CURRENT_DESCENTS):
                 starts = self.starts(case, current + near)
                 predicted = self._predict(robots.take(range(len(near))), case, starts)
                 tried = current + lengths * self._gauss_newton(case, predicted, moved)
-                costs = self._costs(robots, case, self.starts(case, tried)) + CURRENT_COST
+                costs = (
+                    self._costs(robots, case, self.starts(case, tried)) + thresholds.CURRENT_COST
+                )
                 best = tried[int(costs.argmin())]
-                done = np.abs(best - current).max() < CURRENT_PRECISION
+                done = np.abs(best - current).max() < thresholds.CURRENT_PRECISION
                 current = best
                 if done:
                     break
@@ -323,9 +306,9 @@ def leaves_noise(errors: Floats, noise: Floats) -> bool:
     """
     seen = np.isfinite(errors) & np.isfinite(noise)
     count = float(seen.sum())
-    relative = np.where(seen, errors / np.hypot(noise, LEAST_OBSERVATION_SD), 0.0)
+    relative = np.where(seen, errors / np.hypot(noise, thresholds.LEAST_OBSERVATION_SD), 0.0)
     squares = float(np.square(relative).sum())
-    return squares <= count + NOISE_EXCESS * math.sqrt(count)
+    return squares <= count + thresholds.NOISE_EXCESS * math.sqrt(count)
 
 
 def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
@@ -337,14 +320,16 @@ def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
     seen = np.isfinite(observed)
     used = np.isfinite(noise) & seen.any(axis=0)
     seen, count = seen[:, used], seen[:, used].sum(axis=0)
-    variance = np.square(noise[used]) + LEAST_OBSERVATION_SD**2
+    variance = np.square(noise[used]) + thresholds.LEAST_OBSERVATION_SD**2
     errors = predicted[:, :, used] - observed[:, used]
     errors[:, ~seen] = 0.0
     squares = np.square(errors).sum(axis=1)
     found = 0.5 * count * np.log(variance + squares / count)
     around = squares - count * np.square(errors.sum(axis=1) / count)
     biased = 0.5 * count * np.log(variance + around / count)
-    biased += np.where(count >= FEWEST_OBSERVATIONS, BIAS_COST + 0.5 * np.log(count), np.inf)
+    biased += np.where(
+        count >= thresholds.FEWEST_OBSERVATIONS, thresholds.BIAS_COST + 0.5 * np.log(count), np.inf
+    )
     found = np.minimum(found, biased)
     total: Floats = found.sum(axis=1)
     return np.where(np.isfinite(total), total, np.inf)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from aquafish.online import thresholds
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import (
@@ -42,14 +43,6 @@ ATTITUDE_ERRORS = slice(0, 3)
 VELOCITY_ERRORS = slice(3, 6)
 SPIN_ERRORS = slice(6, 9)
 FIN_ERRORS = slice(9, 12)
-#: Standard deviations (12,) that the model's own error adds in an action: rad, units/s, rad/s, rad.
-MODEL_ERROR: Floats = np.repeat([1e-5, 1e-4, 1e-4, 1e-5], 3)
-#: The same of a robot that was recognised, whose numbers are not exact.
-RECOGNISED_ERROR: Floats = np.repeat([1e-4, 1e-3, 1e-3, 5e-4], 3)
-#: Of the state at the start: a robot at rest moves against water that may flow.
-START_ERROR: Floats = np.repeat([1e-4, 0.2, 1e-4, 1e-4], 3)
-#: Standard deviation of an observation without noise, for rounding and single precision.
-LEAST_OBSERVATION_SD = 2e-4
 _POINTS: Floats = np.sqrt(ERROR_SIZE) * np.concatenate(
     [np.eye(ERROR_SIZE), -np.eye(ERROR_SIZE)]
 )  # (24, 12)
@@ -65,7 +58,7 @@ class SelfModel:
     fin_angles
         (3,) at the start, rad. It begins at rest.
     model_error, start_error
-        (12,) see ``MODEL_ERROR`` and ``START_ERROR``; positive.
+        (12,) see ``MODEL_ERROR`` and ``thresholds.START_ERROR``; positive.
     hold
         For how many steps of 0.01 s an action is held.
 
@@ -92,8 +85,8 @@ class SelfModel:
         self,
         robot: Scenario,
         fin_angles: ArrayLike,
-        model_error: Floats = MODEL_ERROR,
-        start_error: Floats = START_ERROR,
+        model_error: Floats = thresholds.MODEL_ERROR,
+        start_error: Floats = thresholds.START_ERROR,
         hold: int = 20,
     ) -> None:
         if len(instance("robot", robot, Scenario)) != 1:
@@ -188,7 +181,7 @@ class SelfModel:
         seen = imu_readings(moved(self.state, errors))
         mean = seen.mean(axis=0)
         seen = np.where(used, seen - mean, 0.0)
-        noise = np.where(used, np.hypot(self.noise, LEAST_OBSERVATION_SD), 1.0)
+        noise = np.where(used, np.hypot(self.noise, thresholds.LEAST_OBSERVATION_SD), 1.0)
         covariance = seen.T @ seen / len(errors) + np.diag(noise**2)
         innovation = np.where(used, observed - self.robot.sensor_bias[0] - mean, 0.0)
         return errors, seen, covariance, innovation

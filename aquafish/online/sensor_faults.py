@@ -6,20 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from aquafish.online import thresholds
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
-BIAS_COST = 4.0  # minus its log prior
-BIAS_RATIO = 5.0  # least ratio of a bias below the tolerance to the expected error
-BIAS_DEVIATION = 0.3  # errors that deviate less from their mean, relative to it, are a bias
-NOISE_CORRELATION = 0.4  # errors that correlate less with the one before are noise
-TOLERATED_NOISE = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
-# By chance the sum of N squared errors, in standard deviations, is N +- 1.4 sqrt(N).
-NOISE_EXCESS = 5.0
-FEWEST_OBSERVATIONS = 3  # that show a bias or a stuck channel
-FEWEST_BIAS_OBSERVATIONS = 8  # that show a bias below the tolerance
-FEWEST_NOISE_OBSERVATIONS = 8  # that show noise
 SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
 
 
@@ -30,10 +21,12 @@ def repeated_channels(observed: Floats) -> tuple[Flags, Flags]:
     """
     silent, zero = np.zeros((2, observed.shape[1]), np.bool_)
     for i, column in enumerate(observed.T):
-        last = column[np.isfinite(column)][-FEWEST_OBSERVATIONS:]
+        last = column[np.isfinite(column)][-thresholds.FEWEST_OBSERVATIONS :]
         if len(last):
             zero[i] = last[-1] == 0.0
-            silent[i] = (last == last[-1]).all() if len(last) == FEWEST_OBSERVATIONS else zero[i]
+            silent[i] = (
+                (last == last[-1]).all() if len(last) == thresholds.FEWEST_OBSERVATIONS else zero[i]
+            )
     return silent, zero
 
 
@@ -51,14 +44,18 @@ def with_sensors(
     mean = errors.sum(axis=0) / count
     deviation = np.sqrt((np.square(errors - mean) * seen).sum(axis=0) / count)
     off = ~silent & (np.sqrt(np.square(errors).sum(axis=0) / count) > tolerance)
-    steady = deviation < BIAS_DEVIATION * np.abs(mean)
-    biased = off & steady & (count >= FEWEST_OBSERVATIONS)
+    steady = deviation < thresholds.BIAS_DEVIATION * np.abs(mean)
+    biased = off & steady & (count >= thresholds.FEWEST_OBSERVATIONS)
     odd = off & ~biased
     # Below the tolerance, many observations show a bias that the filter would fight with for ever.
     around = np.where(np.isfinite(expected), expected, 1.0) ** 2 + deviation**2
     gain = 0.5 * count * np.log1p(mean**2 / around)
-    plain = steady & (gain > BIAS_COST + 0.5 * np.log(count)) & (mean**2 > BIAS_RATIO**2 * around)
-    biased |= plain & ~silent & (count >= FEWEST_BIAS_OBSERVATIONS)
+    plain = (
+        steady
+        & (gain > thresholds.BIAS_COST + 0.5 * np.log(count))
+        & (mean**2 > thresholds.BIAS_RATIO**2 * around)
+    )
+    biased |= plain & ~silent & (count >= thresholds.FEWEST_BIAS_OBSERVATIONS)
     faults = list[Fault]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
     heard = (
@@ -67,11 +64,11 @@ def with_sensors(
         & seen[:, GYRO_CHANNELS].any(axis=0)
     )
     gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
-    if gyro.shape[1] >= 2 and size >= FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
+    if gyro.shape[1] >= 2 and size >= thresholds.FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
         power = np.square(gyro).sum()
-        usual = np.hypot(expected, TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
-        louder = power > np.square(usual).mean() * (size + NOISE_EXCESS * size**0.5)
-        if louder and (gyro[1:] * gyro[:-1]).sum() < NOISE_CORRELATION * power:  # white
+        usual = np.hypot(expected, thresholds.TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
+        louder = power > np.square(usual).mean() * (size + thresholds.NOISE_EXCESS * size**0.5)
+        if louder and (gyro[1:] * gyro[:-1]).sum() < thresholds.NOISE_CORRELATION * power:  # white
             noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
             faults.append(Fault("gyro", "noise", float(noise[0])))
     kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased}

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from aquafish.online import thresholds
 from aquafish.online.gaits import load_library
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
@@ -57,10 +58,6 @@ SHAPES: dict[str, tuple[int, ...]] = {
 }
 PRIVILEGED = 12  # the last inputs, which are constant in a swim: nine sizes and three servo gains
 SENSED = 17  # the first inputs, which are those of the library's first gait
-#: One standard deviation (7,) of the numbers that a teacher's gait adds to it: an offset of
-#: each action, the logarithm of the clock's frequency, a turn (yaw) and a pitch of the perceived
-#: course in rad, and the phase of the clock in rad.
-NUMBER_SCALES: Floats = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 0.5])
 _FIN_ROWS = [row + at for row in range(LEFT, RATES, 2) for at in (1, 0)]  # sine, then cosine
 #: What a layer makes of its sums.
 LINEAR = 0
@@ -214,7 +211,7 @@ class TeacherNetwork:
     teacher
         Its weights.
     numbers
-        (P, 7) changes of the teacher in standard deviations; see ``NUMBER_SCALES``.
+        (P, 7) changes of the teacher in standard deviations; see ``TEACHER_NUMBER_SCALES``.
     robot
         A scenario of one: what broke.
     previous
@@ -236,7 +233,7 @@ class TeacherNetwork:
     ) -> None:
         self._weights = teacher.weights
         self._gait = _gait_matrices()
-        changes = numbers * NUMBER_SCALES
+        changes = numbers * thresholds.TEACHER_NUMBER_SCALES
         count = len(changes)
         self._offset = np.ascontiguousarray(changes[:, :3].T, np.float32)
         #: (P,) that the clock makes in an action, rad.

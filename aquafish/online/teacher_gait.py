@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.online.teacher import INTERVAL, NUMBER_SCALES, Teacher, TeacherNetwork
+from aquafish.online import thresholds
+from aquafish.online.teacher import INTERVAL, Teacher, TeacherNetwork
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import TAU
@@ -20,20 +21,13 @@ from aquafish_gym.utils.array_types import Floats
 from gait.search.cma import evolution_strategy
 from gait.swims.scores import penalize_diverged
 
-PHASES = 8  # of its clock in which a teacher stands among the gaits
-POPULATION = 32
-#: Initial step of a refinement, in standard deviations of the numbers.
-FIRST_SIGMA = 0.5
-LATER_SIGMA = 0.3
-BUDGET_ACTIONS = 200  # of a swim for which a number of generations is meant
-MOST_GENERATIONS_RATIO = 3  # of a short swim to those that are meant
 _PHASE = 6  # of the numbers
 _NORTHING = FIELDS["position"].start + 1
 
 
 @dataclass(frozen=True, eq=False)
 class TeacherGait:
-    """A gait: a teacher with seven numbers of its own; see ``NUMBER_SCALES``."""
+    """A gait: a teacher with seven numbers of its own; see ``TEACHER_NUMBER_SCALES``."""
 
     teacher: Teacher
     numbers: Floats
@@ -41,19 +35,22 @@ class TeacherGait:
     @classmethod
     def of(cls, teacher: Teacher) -> Self:
         """Return the teacher as it was trained."""
-        return cls(teacher, np.zeros(len(NUMBER_SCALES)))
+        return cls(teacher, np.zeros(len(thresholds.TEACHER_NUMBER_SCALES)))
 
     def phases(self) -> list[TeacherGait]:
         """Return it in eight phases of its clock."""
         return [
-            self.at_phase(float(self.numbers[_PHASE] * NUMBER_SCALES[_PHASE]) + TAU * k / PHASES)
-            for k in range(PHASES)
+            self.at_phase(
+                float(self.numbers[_PHASE] * thresholds.TEACHER_NUMBER_SCALES[_PHASE])
+                + TAU * k / thresholds.TEACHER_PHASES
+            )
+            for k in range(thresholds.TEACHER_PHASES)
         ]
 
     def at_phase(self, phase: float) -> TeacherGait:
         """Return it with a clock that begins at a phase, rad."""
         numbers = self.numbers.copy()
-        numbers[_PHASE] = phase % TAU / NUMBER_SCALES[_PHASE]
+        numbers[_PHASE] = phase % TAU / thresholds.TEACHER_NUMBER_SCALES[_PHASE]
         return TeacherGait(self.teacher, numbers)
 
 
@@ -129,7 +126,7 @@ def refine_teacher(
     previous: NDArray[np.floating],
     generations: int,
     rng: np.random.Generator,
-    sigma: float = FIRST_SIGMA,
+    sigma: float = thresholds.TEACHER_FIRST_SIGMA,
 ) -> tuple[TeacherGait, float]:
     """Return the best gait of a teacher that CMA-ES finds, and how far it swims, units.
 
@@ -137,9 +134,9 @@ def refine_teacher(
     :func:`imagine_teacher` for the others.
     """
     actions = round(seconds / (INTERVAL * TIMESTEP))
-    count = math.ceil(generations * BUDGET_ACTIONS / actions)
-    count = min(count, MOST_GENERATIONS_RATIO * generations)
-    strategy = evolution_strategy(first.numbers, POPULATION, rng, sigma)
+    count = math.ceil(generations * thresholds.BUDGET_ACTIONS / actions)
+    count = min(count, thresholds.MOST_GENERATIONS_RATIO * generations)
+    strategy = evolution_strategy(first.numbers, thresholds.TEACHER_POPULATION, rng, sigma)
     best = first
     farthest = -math.inf
     for generation in range(count):

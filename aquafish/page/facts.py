@@ -6,28 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.online import search
-from aquafish.online.case import CHANNEL_TOLERANCE, NOISE_RATIO, SETTLED_CASE_ACTIONS
+from aquafish.online import thresholds
 from aquafish.online.gaits import load_library
-from aquafish.online.hypotheses import (
-    FIRST_NUMBERS,
-    NUMBER_COST,
-    NUMBER_MARGIN,
-    NUMBER_RANGES,
-    STENCIL,
-    WORD_COST,
-    all_hypotheses,
-)
-from aquafish.online.monitor import ERROR_SCALES, WINDOWS, chance_bound
-from aquafish.online.phases import ACTIONS_BEFORE_ALARM, ERROR_GROWTH
-from aquafish.online.recognition import SAME_GAIT_DIFFERENCE
-from aquafish.online.self_model import (
-    ERROR_SIZE,
-    LEAST_OBSERVATION_SD,
-    MODEL_ERROR,
-    RECOGNISED_ERROR,
-    START_ERROR,
-)
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, all_hypotheses
+from aquafish.online.monitor import chance_bound
+from aquafish.online.self_model import ERROR_SIZE
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA
@@ -56,8 +39,10 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "seconds": hold * TIMESTEP,
         "horizon": round(seconds / (hold * TIMESTEP)),
         "gyroNoise": GYRO_NOISE,
-        "noise": np.hypot(noise, LEAST_OBSERVATION_SD).tolist(),
-        "tolerance": np.maximum(CHANNEL_TOLERANCE, NOISE_RATIO * noise).tolist(),
+        "noise": np.hypot(noise, thresholds.LEAST_OBSERVATION_SD).tolist(),
+        "tolerance": np.maximum(
+            thresholds.CHANNEL_TOLERANCE, thresholds.NOISE_RATIO * noise
+        ).tolist(),
         "northing": FIELDS["position"].start + 1,
         "errors": ERROR_SIZE,
         "stateRows": STATE_NUMBERS,
@@ -74,31 +59,34 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "effects": {fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in FINS},
         "singles": singles(),
         "numberRanges": {word: NUMBER_RANGES.get(word, (0.0, 0.0)) for word in FIRST_NUMBERS},
-        "numberMargin": NUMBER_MARGIN,
+        "numberMargin": thresholds.NUMBER_MARGIN,
         "costs": {
-            word: WORD_COST + NUMBER_COST * (word in NUMBER_RANGES) for word in FIRST_NUMBERS
+            word: thresholds.WORD_COST + thresholds.NUMBER_COST * (word in NUMBER_RANGES)
+            for word in FIRST_NUMBERS
         },
         "firstFaults": FIRST_FAULTS,
-        "stencil": STENCIL.tolist(),
-        "rounds": search.NARROWING_ROUNDS,
-        "narrowed": search.NARROWED_HYPOTHESES,
-        "lateNarrowed": search.LATE_HYPOTHESES,
-        "firstSpacing": search.FIRST_SPACING,
-        "spacingRatio": search.SPACING_RATIO,
-        "modelError": MODEL_ERROR.tolist(),
-        "recognisedError": RECOGNISED_ERROR.tolist(),
+        "stencil": thresholds.STENCIL,
+        "rounds": thresholds.NARROWING_ROUNDS,
+        "narrowed": thresholds.NARROWED_HYPOTHESES,
+        "lateNarrowed": thresholds.LATE_HYPOTHESES,
+        "firstSpacing": thresholds.FIRST_SPACING,
+        "spacingRatio": thresholds.SPACING_RATIO,
+        "modelError": thresholds.MODEL_ERROR.tolist(),
+        "recognisedError": thresholds.RECOGNISED_ERROR.tolist(),
         # It begins at rest, in water whose current it knows.
-        "startCovariance": np.diag(np.full(ERROR_SIZE, START_ERROR[0]) ** 2).tolist(),
-        "largestError": (ERROR_SCALES[-1] * MODEL_ERROR).tolist(),
-        "errorGrowth": ERROR_GROWTH,
-        "windows": [(window, chance_bound(window * len(CHANNELS))) for window in WINDOWS],
+        "startCovariance": np.diag(np.full(ERROR_SIZE, thresholds.START_ERROR[0]) ** 2).tolist(),
+        "largestError": (thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR).tolist(),
+        "errorGrowth": thresholds.ERROR_GROWTH,
+        "windows": [
+            (window, chance_bound(window * len(CHANNELS))) for window in thresholds.WINDOWS
+        ],
         "earlyMargin": EARLY_MARGIN,
-        "settledActions": SETTLED_CASE_ACTIONS,
+        "settledActions": thresholds.SETTLED_CASE_ACTIONS,
         # As many as without a compass: a longer stretch tells a seized fin from a weak one.
-        "recentMoments": ACTIONS_BEFORE_ALARM[True] + 1,
+        "recentMoments": thresholds.ACTIONS_BEFORE_GYRO_ALARM + 1,
         "inferences": INFERENCES,
         "sameRobot": SAME_ROBOT_DIFFERENCE,
-        "sameGait": SAME_GAIT_DIFFERENCE,
+        "sameGait": thresholds.SAME_GAIT_DIFFERENCE,
         "outputGain": OUTPUT_GAIN,
         "gaits": [gait_facts(gait) for gait in gaits],
     }

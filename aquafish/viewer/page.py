@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.online import SelfModelAgent
-from aquafish.online.monitor import CALIBRATION_ACTIONS
+from aquafish.online import SelfModelAgent, thresholds
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded, viser_module
 from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot
@@ -226,7 +225,9 @@ class Viewer:
         """How long the self-model still measures its error, in which nothing may break, s."""
         agent = self.agent
         return (
-            0.0 if agent is None else max(0.0, CALIBRATION_ACTIONS * agent.dt - self.swim.seconds)
+            0.0
+            if agent is None
+            else max(0.0, thresholds.CALIBRATION_ACTIONS * agent.dt - self.swim.seconds)
         )
 
     def _targets(self) -> list[int] | None:

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import Water
 from aquafish.online.case import Case, Moment, Moments
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
-from aquafish.online.self_model import RECOGNISED_ERROR, SelfModel, imu_readings, predict
+from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.single import CompiledWorld
@@ -165,7 +165,7 @@ def test_a_mild_fault_in_the_first_ten_seconds_is_taken_for_no_current(damage: s
         Damage.parse(damage).said()
     }
     # A second fault is to be noticed as after any first one.
-    np.testing.assert_array_equal(agent.model.model_error, RECOGNISED_ERROR)
+    np.testing.assert_array_equal(agent.model.model_error, thresholds.RECOGNISED_ERROR)
 
 
 def test_a_fin_and_a_sensor_that_break_at_once_are_both_named() -> None:

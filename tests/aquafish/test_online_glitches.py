@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.gaits import load_library
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
-from aquafish.online.self_model import MODEL_ERROR, SelfModel
+from aquafish.online.self_model import SelfModel
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS, Scenario
@@ -151,7 +151,7 @@ def test_a_reading_alone_that_surprises_every_filter_does_not_calibrate(
     channel: int, reading: float
 ) -> None:
     agent, _ = swim(at((30,), channel, reading), steps=60)
-    np.testing.assert_array_equal(agent.model.model_error, MODEL_ERROR)
+    np.testing.assert_array_equal(agent.model.model_error, thresholds.MODEL_ERROR)
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.2, False), (0.6, True), (1.0, True)])

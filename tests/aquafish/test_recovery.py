@@ -22,7 +22,8 @@ import pytest
 from PIL import Image
 
 from aquafish.cli import main
-from aquafish.online.gaits import MAXIMUM_REFINED_NODES, load_library
+from aquafish.online import thresholds
+from aquafish.online.gaits import load_library
 from aquafish.recovery import figures
 from aquafish.recovery.page import report_page
 from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS
@@ -184,7 +185,8 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
             assert controller.sample is not None
         elif spec.online:
             assert body.left_pectoral[1] == pytest.approx(0.8, abs=0.02)
-            assert controller.nodes <= MAXIMUM_REFINED_NODES  # the first refinement is quick
+            # The first refinement is quick.
+            assert controller.nodes <= thresholds.MAXIMUM_REFINED_NODES
             assert controller.to_dict() not in [gait.to_dict() for gait in load_library()]
         else:
             assert body == controller.morphology

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aquafish.online import thresholds
 from aquafish.online.self_model import (
     ERROR_SIZE,
-    MODEL_ERROR,
     SelfModel,
     imu_readings,
     moved,
@@ -89,7 +89,7 @@ def test_the_likelihood_tells_which_water_it_is_and_how_wrong_the_model() -> Non
 
     def likelihood(reactive: bool, scale: float) -> float:
         robot = Scenario.create(reactive=reactive)
-        model = SelfModel(robot, FINS, MODEL_ERROR * scale)
+        model = SelfModel(robot, FINS, thresholds.MODEL_ERROR * scale)
         follow(model, observed)
         return model.log_likelihood
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import Water, predicts
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.gaits import load_library
 from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.swimming import act_in, begin_gait, swim_ahead
-from aquafish.online.teacher import NUMBER_SCALES, SHAPES, Teacher, TeacherNetwork
+from aquafish.online.teacher import SHAPES, Teacher, TeacherNetwork
 from aquafish.online.teacher_gait import TeacherGait, imagine_teacher, refine_teacher
 from aquafish.online.thinking import Event
 from aquafish_gym.morphology import Morphology
@@ -88,7 +88,7 @@ def test_informing_is_beginning_with_it() -> None:
 def test_a_turned_course_is_the_world_turned_back(turn: float) -> None:
     """It does what the teacher does for a robot that heads elsewhere by the angle."""
     numbers = np.zeros((1, 7))
-    numbers[0, 4] = turn / NUMBER_SCALES[4]
+    numbers[0, 4] = turn / thresholds.TEACHER_NUMBER_SCALES[4]
     still = random_states(1)
     turned = still.copy()
     x, y, z, w = still[:4, 0]
