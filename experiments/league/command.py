@@ -41,7 +41,7 @@ from aquafish_gym.runs.jobs import finished
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.storage import write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
-from experiments.league.entrants import ENTRANTS
+from experiments.league.entrants import CEILING, ENTRANTS, USUAL
 from experiments.league.episodes import (
     SECONDS,
     TIERS,
@@ -84,7 +84,7 @@ class League:
     out: Out = Path("out/league")
     entrants: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(ENTRANTS)}.")
-    ] = tuple(ENTRANTS)
+    ] = USUAL
     tiers: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="TIER", help=f"Some of: {'; '.join(TIERS)}.")
     ] = ("severe", "moderate", "mild")
@@ -146,7 +146,7 @@ class League:
         done = finished(self.out, jobs)
         left = [job for job in jobs if job not in done]
         scale = self.seconds / SECONDS
-        return len(left), sum(scale * ENTRANTS[job.entrant].cpu for job in left)
+        return len(left), sum(scale * _cpu(job) for job in left)
 
     def execute(self) -> None:
         """Play the missing episodes; write league.json, the tables and pace.png."""
@@ -160,7 +160,7 @@ class League:
         rows = do_table(
             jobs, play, self.out, "a league", settings, partial(self._tabulate, jobs),
             self.workers, ("league.json", "blind.md", "gain.md", "recognition.md", "pace.png"),
-            lambda missing: play(missing[0]),  # compiles for all
+            lambda missing: play(min(missing, key=_cpu)),  # compiles for all
             self.scheduler,
         )  # fmt: skip
         for row in rows:
@@ -179,7 +179,7 @@ class League:
                     count_damages(tier),
                     {
                         other: played[other, tier]
-                        for other in (BLIND, HERO, ORACLE)
+                        for other in (BLIND, HERO, ORACLE, CEILING)
                         if other in self.entrants and other != entrant
                     },
                     played.get((ORACLE, tier)),
@@ -309,6 +309,11 @@ class League:
             ]
             rows.append([entrant, *(_gain(one, HERO, -1.0) for one in found), *counts])
         return rows
+
+
+def _cpu(job: Episode) -> float:
+    """Return about how many CPU seconds an episode of 60 s takes."""
+    return ENTRANTS[job.entrant].cpu
 
 
 def expectation(

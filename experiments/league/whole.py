@@ -2,9 +2,11 @@
 
     python -m experiments.league.whole --seeds held-out --out out/whole
 
-Every entrant plays every table, in the same episodes. The command says how many episodes are
+Every usual entrant plays every table, in the same episodes; the ceiling, which takes five CPU
+minutes an episode, plays tables of its own. The command says how many episodes are
 missing, and about how long they take, before it begins; started again, it plays those that are
-still missing. At the end waters-TIER.md compare the entrants' gains over blind in all waters.
+still missing. At the end waters-TIER.md compare the entrants' gains over blind in all waters, and
+ceiling.md says how far below the ceiling others swim.
 ``--scheduler`` lets a dask cluster play, as in ``docs/howto/cluster.md``.
 """
 
@@ -31,13 +33,14 @@ from experiments.league.command import (
     interval_text,
 )
 from experiments.league.draws import OUTSIDE
-from experiments.league.entrants import ENTRANTS
+from experiments.league.entrants import CEILING, ENTRANTS, USUAL
 from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds, count_damages
 from experiments.league.waters import WATERS
 from experiments.tables import markdown
 
 EPISODES = 40  # of a tier at home and in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
+BELOW = (BLIND, HERO, ORACLE)  # entrants that are compared with the ceiling
 _ALL: Any = ("severe", "moderate", "mild", "none")
 OTHER_WATERS = tuple(water for water in WATERS if water != "still")
 WATER_TABLES = ("home", "none", *OTHER_WATERS)
@@ -63,6 +66,10 @@ TABLES: dict[str, dict[str, Any]] = {
     "current-begins": {
         "episodes": ELSEWHERE, "tiers": (CURRENT_BEGINS,), "entrants": (BLIND, HERO),
     },
+    "ceiling-severe": {"episodes": 10, "tiers": ("severe",), "entrants": (*BELOW, CEILING)},
+    "ceiling-other": {
+        "episodes": 5, "tiers": ("moderate", "mild"), "entrants": (*BELOW, CEILING),
+    },
     # Long swims in which nothing breaks: how often the agent is alarmed for nothing.
     "calm": {
         "episodes": 100, "seconds": 600.0, "water": "current", "tiers": ("none",),
@@ -83,7 +90,7 @@ class WholeLeague:
     ] = tuple(TABLES)
     entrants: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(ENTRANTS)}.")
-    ] = tuple(ENTRANTS)
+    ] = USUAL
     seeds: Seeds = "published"
     """Set of the episodes. Make and tune agents on development alone, play held-out once."""
     first: int = 0
@@ -124,6 +131,7 @@ class WholeLeague:
             print(f"\n{league.out}", file=sys.stderr)
             league.execute()
         self._compare_waters(leagues)
+        self._compare_with_ceiling(leagues)
 
     def _compare_waters(self, leagues: Sequence[League]) -> None:
         """Write waters-TIER.md: the entrants' gains over blind in each water that was played."""
@@ -142,6 +150,36 @@ class WholeLeague:
                 cells = [_gain(found, entrant, tier) for found in waters.values()]
                 rows.append([entrant, *cells])
             write_bytes(self.out / f"waters-{tier}.md", markdown(rows).encode())
+
+    def _compare_with_ceiling(self, leagues: Sequence[League]) -> None:
+        """Write ceiling.md: how far below the ceiling others swim in the same episodes."""
+        rows = [
+            [
+                "tier", "episodes", "ceiling, units", *(f"{one}, below it" for one in BELOW),
+                *(f"{one}, share" for one in BELOW), f"{ORACLE} below it",
+            ]
+        ]  # fmt: skip
+        for league in leagues:
+            if CEILING not in league.entrants:
+                continue
+            found = read_document(league.out / "league.json", SCHEMA, "league")
+            for tier in league.tiers:
+                top = found[CEILING][tier]
+                others = [found[one][tier] for one in BELOW]
+                below = [top["over"][one]["mean"] for one in BELOW]
+                worse = found[ORACLE][tier]["over"][CEILING]["worse"]
+                rows.append(
+                    [
+                        tier,
+                        f"{top['episodes']}",
+                        f"{top['mean']:.1f}",
+                        *(interval_text(one, 2) for one in below),
+                        *(f"{one['mean'] / top['mean']:.1%}" for one in others),
+                        f"{worse} of {top['episodes']}",
+                    ]
+                )
+        if len(rows) > 1:
+            write_bytes(self.out / "ceiling.md", markdown(rows).encode())
 
 
 def _gain(found: Mapping[str, Any], entrant: str, tier: str) -> str:

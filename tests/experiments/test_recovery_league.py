@@ -23,7 +23,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league import draws
 from experiments.league.command import SCHEMA, League
 from experiments.league.draws import OUTSIDE, beginning_current
-from experiments.league.entrants import ENTRANTS, _rma
+from experiments.league.entrants import ENTRANTS, USUAL, _rma
 from experiments.league.episodes import (
     SEEDS,
     TIERS,
@@ -338,18 +338,21 @@ def test_the_return_has_a_current_and_a_time_of_its_own() -> None:
         League(task="return", seconds=600.0).jobs()
 
 
-def test_every_entrant_plays_every_water_in_the_same_episodes() -> None:
+def test_every_usual_entrant_plays_every_water_in_the_same_episodes() -> None:
     leagues = WholeLeague(out=Path("out")).leagues()
     played: dict[str, set[Any]] = {}
     for league in leagues:
+        if league.entrants != USUAL:
+            continue
         if league.tiers[0] == "severe" and league.sensing == "fins" and league.task == "recovery":
             for job in league.jobs():
                 if job.tier == "severe" and job.number < 20:
                     played.setdefault(league.water, set()).add((job.entrant, job.number))
     assert set(played) == set(WATERS)
     assert {frozenset(one) for one in played.values()} == {
-        frozenset((entrant, number) for entrant in ENTRANTS for number in range(20))
+        frozenset((entrant, number) for entrant in USUAL for number in range(20))
     }
+    assert set(ENTRANTS) - set(USUAL) == {"ceiling"}
 
 
 @jobs_in_process()
@@ -384,6 +387,26 @@ def test_the_whole_league_compares_the_waters(
         assert still == "| still | 0.00 [0.00, 0.00] | 0.00 [0.00, 0.00] |"
         assert [cell[:4] for cell in blind.split(" | ")[1:]] == ["way "] * 2
         assert ppo.count("[") == 2
+
+
+@jobs_in_process()
+def test_the_whole_league_says_how_far_below_the_ceiling_others_swim(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("blind", "self-model", "oracle"):
+        monkeypatch.setitem(ENTRANTS, name, replace(ENTRANTS["still"]))
+    monkeypatch.setitem(ENTRANTS, "ceiling", replace(ENTRANTS["PPO, fins"]))
+    monkeypatch.setattr(League, "_recognition", lambda *_: [["tier"]])
+    WholeLeague(tmp_path, ("ceiling-other",), seeds="development", episodes=2).execute()
+    league = read_document(tmp_path / "ceiling-other" / "league.json", SCHEMA)
+    head, _, moderate, mild = (tmp_path / "ceiling.md").read_text().splitlines()
+    assert head.startswith("| tier | episodes | ceiling, units | blind, below it |")
+    mean, low, high = league["ceiling"]["mild"]["over"]["self-model"]["mean"]
+    assert mean > 20.0
+    way = f"{league['ceiling']['mild']['mean']:.1f}"
+    below = f"{mean:.2f} [{low:.2f}, {high:.2f}]"
+    assert mild == f"| mild | 2 | {way} |" + f" {below} |" * 3 + " 0.0% |" * 3 + " 2 of 2 |"
+    assert moderate.startswith("| moderate | 2 | ")
 
 
 @pytest.mark.parametrize("water", ["vortices", "dense"])
