@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.case import Moment
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import check_library, load_library
+from aquafish.online.gaits import Gait, check_library, load_library
 from aquafish.online.monitor import ReadingHistory
 from aquafish.online.phases import Calibrating, Episode, Phase
 from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import SelfModel, noise_of, observed_directions
-from aquafish.online.swimming import Gait
 from aquafish.online.teacher import Teacher, check_teachers
 from aquafish.online.thinking import Event
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
@@ -136,7 +135,7 @@ class SelfModelAgent:
 
     @property
     def gait(self) -> Gait:
-        """The controller, or the gait of a teacher, that it swims."""
+        """What it swims: a controller's gait, or a teacher's."""
         return self._begun("gait").episode.chooser.gait
 
     def swim_until(self, seconds: float) -> None:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from aquafish.online import thresholds
+from aquafish.online.gaits import Gait
 from aquafish.online.monitor import SurpriseMonitor
 from aquafish.online.self_model import SelfModel
-from aquafish.online.swimming import Gait
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,23 +13,24 @@ from numpy.typing import NDArray
 from aquafish.online import thresholds
 from aquafish.online.belief import Water
 from aquafish.online.config import AgentConfig
-from aquafish.online.gaits import gait_to_refine, imagine
+from aquafish.online.gaits import (
+    Ahead,
+    ControllerGait,
+    Effort,
+    Gait,
+    Swimmer,
+    imagine_gaits,
+    refine_gait,
+    swim_ahead,
+)
 from aquafish.online.self_model import SelfModel
-from aquafish.online.swimming import Ahead, Gait, Swimmer, act_in, begin_gait, swim_ahead
 from aquafish.online.teacher import Teacher
-from aquafish.online.teacher_gait import TeacherAgent, TeacherGait, imagine_teacher, refine_teacher
+from aquafish.online.teacher_gait import TeacherGait
 from aquafish.online.thinking import Event, Thought, thinking_actions
-from aquafish_gym.world_config import WorldConfig
+from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller
-from gait.search.evolve import EvolveConfig, evolve_gait
 
-
-class _Effort(NamedTuple):
-    """How long a refinement may search, and what thinking time it is charged."""
-
-    generations: int
-    teacher_generations: int
-    seconds: float
+Kind = TypeVar("Kind", bound=Gait)
 
 
 class GaitChooser:
@@ -64,7 +65,7 @@ class GaitChooser:
         dt: float,
         events: list[Event],
     ) -> None:
-        self.library = library
+        self.library = [ControllerGait(one, f"gait {i}") for i, one in enumerate(library)]
         self.teachers = teachers
         self.config = config
         self.until = config.seconds
@@ -74,25 +75,25 @@ class GaitChooser:
         self.action: NDArray[np.float32] = np.zeros(3, np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
-        self._efforts: list[_Effort] = []  # of the refinements to come of both kinds of gaits
+        self._efforts: list[Effort] = []  # of the refinements to come of both kinds of gaits
         self._thought: Thought[list[Gait]] | None = None
 
     @property
     def gait(self) -> Gait:
         """What is swum."""
-        return self._swimming.controller
+        return self._swimming.gait
 
     def begin(self, model: SelfModel) -> None:
         """Begin the library's first gait."""
-        self._swimming: Swimmer = begin_gait(self.library[0], model.robot, self.action)
+        self.swim(self.library[0], model)
 
     def swim(self, gait: Gait, model: SelfModel) -> None:
         """Swim a gait from now on."""
-        self._swimming = begin_gait(gait, model.robot, self.action)
+        self._swimming: Swimmer = gait.begin(model.robot, self.action)
 
     def act(self, model: SelfModel) -> NDArray[np.float32]:
         """Return the next action (3,), in [-1, 1], of a robot in its present state."""
-        self.action = act_in(self._swimming, model.robot, model.state)
+        self.action = self._swimming.act(model.robot, model.state)
         return self.action
 
     def use_refined(self, model: SelfModel, step: int) -> None:
@@ -131,13 +132,13 @@ class GaitChooser:
         self._efforts = []
         if soon:
             self._efforts.append(
-                _Effort(
+                Effort(
                     config.quick_generations, config.quick_teacher_generations, config.quick_seconds
                 )
             )
         if self.teachers:
             self._efforts.append(
-                _Effort(config.generations, config.teacher_generations, config.both_seconds)
+                Effort(config.generations, config.teacher_generations, config.both_seconds)
             )
         self._refine(model, step)
 
@@ -159,42 +160,34 @@ class GaitChooser:
     ) -> Event:
         """Swim what is imagined to swim farthest; a change must gain a share of the way."""
         began = time.process_time()
-        gaits: list[Gait] = [*self._controllers()]
-        far = imagine(self._controllers(), model.robot, model.state, seconds)
-        if taught := self._teacher_gaits(water):
-            taught_far = imagine_teacher(taught, model.robot, model.state, seconds, self.action)
-            gaits += taught
-            far = np.concatenate([far, taught_far])
-        going_on = swim_ahead(self._swimming, model, 0, round(seconds / self.dt)).way
+        gaits = [gait for kind in self._known(water) for gait in kind]
+        far = imagine_gaits(gaits, model.robot, model.state, seconds, self.action)
+        going_on = swim_ahead(self._swimming, model, 0, seconds).way
         about = f"to go on, which should make {going_on:.1f} units"
         needed = least_gain * max(thresholds.SLOW_SPEED * seconds, abs(going_on))
         best = int(far.argmax())
         if far[best] > going_on + needed:
-            about = f"{self._name(best)}, which should make {far[best]:.1f} units"
+            about = f"{gaits[best].name}, which should make {far[best]:.1f} units"
             self.swim(gaits[best], model)
         return Event(step * self.dt, "chose", about, time.process_time() - began)
 
-    def _controllers(self) -> list[Controller]:
-        """Return the controllers that can be chosen: the library's, and those refined since."""
-        return [*self.library, *(g for g in self.refined if isinstance(g, Controller))]
+    def _known(self, water: Water) -> list[Sequence[Gait]]:
+        """Return the gaits that can be chosen, those of each kind in a list.
 
-    def _teacher_gaits(self, water: Water) -> list[TeacherGait]:
-        """Return the teacher's gaits that can be chosen: as trained, and those refined since."""
+        They are as made, and as refined since. In foreign water a teacher has its own.
+        """
+        controllers = [*self.library, *self._refined_of(ControllerGait)]
         if not self.teachers or not water.predicted:
-            return []
+            return [controllers]
         if water.foreign:
-            return TeacherGait.of(self.teachers[-1]).phases()
-        refined = [gait for gait in self.refined if isinstance(gait, TeacherGait)]
-        gaits = [TeacherGait.of(self.teachers[0]), *refined]
-        return [phase for gait in gaits for phase in gait.phases()]
+            taught = [TeacherGait.of(self.teachers[-1])]
+        else:
+            taught = [TeacherGait.of(self.teachers[0]), *self._refined_of(TeacherGait)]
+        return [controllers, [phase for gait in taught for phase in gait.phases()]]
 
-    def _name(self, number: int) -> str:
-        """Return what a gait is called, by its number among those that can be chosen."""
-        if number < len(self.library):
-            return f"gait {number}"
-        if number < len(self._controllers()):
-            return "a gait refined before"
-        return "the teacher"
+    def _refined_of(self, kind: type[Kind]) -> list[Kind]:
+        """Return the refined gaits of a kind."""
+        return [gait for gait in self.refined if isinstance(gait, kind)]
 
     def _left(self, step: int) -> float:
         """Return for how long, s, gaits are compared that begin at a step."""
@@ -208,9 +201,10 @@ class GaitChooser:
         began = time.process_time()
         self._thought = None
         config = self.config
-        effort = _Effort(config.generations, config.teacher_generations, config.refinement_seconds)
-        both = bool(self._efforts)
-        if both:
+        effort = Effort(
+            config.generations, config.teacher_generations, config.refinement_seconds, every=False
+        )
+        if self._efforts:
             effort = self._efforts[0]
         actions = thinking_actions(effort.seconds, self.dt)
         left = self._left(step + actions)
@@ -218,68 +212,32 @@ class GaitChooser:
             return
         self._rounds -= 1
         self._efforts = self._efforts[1:]
-        ahead = swim_ahead(self._swimming, model, actions, actions + round(left / self.dt))
-        taught = isinstance(self.gait, TeacherGait)
+        ahead = swim_ahead(self._swimming, model, actions, left)
         found: list[tuple[Gait, float]] = [(self.gait, ahead.way)]
-        if both or not taught:
-            found += self._refine_controller(model, ahead, left, effort)
-        if taught or (both and self.teachers):
-            sigma = thresholds.TEACHER_FIRST_SIGMA if both else thresholds.TEACHER_LATER_SIGMA
-            found.append(self._refine_teacher(model, ahead, left, effort, actions, sigma))
+        swum = self._swimming.after(actions)
+        for first in self._to_refine(swum, model.robot, ahead, effort.every):
+            found.append(refine_gait(first, model.robot, ahead, effort, self._rng))
         found.sort(key=lambda one: -one[1])
         about = f"from {ahead.way:.1f} to {found[0][1]:.1f} units"
         event = Event(step * self.dt, "refined", about, time.process_time() - began)
         # Of both kinds the lesser one stays, too: it may be refined, or chosen after a next change.
-        kept = found if both else found[:1]
+        kept = found if effort.every else found[:1]
         self._thought = Thought(step + actions, event, [gait for gait, _ in kept])
 
-    def _refine_controller(
-        self, model: SelfModel, ahead: Ahead, seconds: float, effort: _Effort
-    ) -> list[tuple[Gait, float]]:
-        """Return a small gait, refined, and its way; nothing if there is none."""
-        robot = model.robot
-        swum = self.gait if isinstance(self.gait, Controller) else None
-        first = gait_to_refine(swum, self._controllers(), robot, ahead.state, seconds)
-        if first is None:
-            return []
-        evolved = evolve_gait(
-            robot.body[0],
-            EvolveConfig(
-                generations=effort.generations,
-                seconds=seconds,
-                seed=int(self._rng.integers(2**32)),
-                threads=1,
-            ),
-            first=first,
-            start=ahead.state,
-            world=WorldConfig.of(robot),
-        )
-        return [(evolved.controller, evolved.fitness)]
+    def _to_refine(self, swum: Gait, robot: Scenario, begin: Ahead, every: bool) -> list[Gait]:
+        """Return a gait of the kind that is swum, or one of ``every`` kind.
 
-    def _refine_teacher(
-        self,
-        model: SelfModel,
-        ahead: Ahead,
-        seconds: float,
-        effort: _Effort,
-        actions: int,
-        sigma: float,
-    ) -> tuple[Gait, float]:
-        """Return the teacher's gait that is swum, or else its best one, refined, and its way."""
-        swum = self._swimming
-        if isinstance(swum, TeacherAgent):
-            first = swum.after(actions)
-        else:
-            gaits = self._teacher_gaits(Water())
-            far = imagine_teacher(gaits, model.robot, ahead.state, seconds, ahead.action)
-            first = gaits[int(far.argmax())]
-        return refine_teacher(
-            first,
-            model.robot,
-            ahead.state,
-            seconds,
-            ahead.action,
-            effort.teacher_generations,
-            np.random.default_rng(int(self._rng.integers(2**32))),
-            sigma,
-        )
+        It is what is swum; if that is of another kind, or too large, the best that is not.
+        """
+        found = []
+        for known in self._known(Water()):
+            is_swum = type(swum) is type(known[0])
+            if not (every or is_swum):
+                continue
+            small = [gait for gait in known if gait.refinable]
+            if is_swum and swum.refinable:
+                found.append(swum)
+            elif small:
+                far = imagine_gaits(small, robot, begin.state, begin.seconds, begin.action)
+                found.append(small[int(far.argmax())])
+        return found

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aquafish.online import thresholds
+from aquafish.online.hypotheses import broken
 from aquafish.online.search import Alternative, Search, leaves_noise, mismatch
 from aquafish.online.self_model import noise_of, predict
 from aquafish.online.sensor_faults import SENSOR_FIELDS, with_sensors
@@ -120,7 +121,7 @@ def recognise(
     likeliest = search.best_candidate()
     b, onset = search.cases[likeliest.case]
     damage = likeliest.grid.damage()
-    robot = damage.edit(before[b])
+    robot = broken(before[b], [likeliest.grid])
     robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSOR_FIELDS})
     start = search.starts(likeliest.case, np.array([likeliest.current or np.zeros(3)]))
     predicted, ended = predict(robot, start, actions[onset:], hold)

@@ -284,7 +284,7 @@ class Search:
         for end, weight in zip(ends, weights, strict=True):
             damage = end.grid.damage()
             before = self._before[self.cases[end.case][0]]
-            found.append(Alternative(damage, weight, damage.edit(before)))
+            found.append(Alternative(damage, weight, broken(before, [end.grid])))
         return tuple(found)
 
 

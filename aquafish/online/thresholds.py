@@ -218,6 +218,8 @@ SLOW_SPEED = 0.5
 SHORTEST_REFINEMENT_SECONDS = 2.0
 #: number: of nodes of a network that CMA-ES refines in a second, at most
 MAXIMUM_REFINED_NODES = 30
+#: number: of controllers in a generation
+CONTROLLER_POPULATION = 24
 #: number: of a teacher's gaits in a generation
 TEACHER_POPULATION = 32
 #: standard deviations: of a teacher's numbers; initial step of a first refinement

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import imagine
+from aquafish.online.gaits import ControllerGait, imagine
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.damage import Fault
 from aquafish_gym.envs.env import AquaFishEnv
@@ -70,7 +70,7 @@ def swim_on(
         first, last = np.interp((ONSET_SECONDS, end), env.dt * np.arange(len(way)), way)
         target.append(math.nan if steps[-1].terminated else last - first)
         model = agent.model
-        gait = instance("gait", agent.gait, Controller)
+        gait = instance("gait", agent.gait, ControllerGait).controller
         native.append(imagine([gait], model.robot, model.state, config.seconds)[0])
         bodies.append(model.robot.body[0])
         gaits.append(gait)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.belief import Water
-from aquafish.online.gaits import load_library, read_library
+from aquafish.online.gaits import ControllerGait, load_library, read_library
 from aquafish.online.phases import Episode, Phase
 from aquafish.online.self_model import SelfModel
 from aquafish.online.teacher import Teacher
@@ -119,7 +119,7 @@ class Ceiling(Oracle):
         seconds = episode.chooser.until - episode.steps * episode.dt
         gait, far = search_gait(self.library, model.robot, model.state, seconds, self.config.seed)
         episode.log("searched", f"a gait that should make {far:.1f} units")
-        episode.chooser.swim(gait, model)
+        episode.chooser.swim(ControllerGait(gait), model)
         super()._change_gait(phase)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.physics.arithmetic import clip, where_less
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.controllers import dense
 from gait.controllers.network import tanh
 
 Floats = NDArray[np.float32]
@@ -50,6 +52,17 @@ class Layer:
     name: str
     weights: Floats
     biases: Floats
+
+    def sums(self, values: Floats) -> Floats:
+        """Return the outputs (T, out), before an activation, for inputs (T, in)."""
+        inputs = np.vstack([np.ones(len(values), np.float32), values.T])
+        found = np.empty((len(self.biases), len(values)), np.float32)
+        dense.layer(self._columns, inputs, found, dense.LINEAR)
+        return found.T
+
+    @cached_property
+    def _columns(self) -> Floats:
+        return dense.columns(np.hstack([self.biases[:, None], self.weights]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +125,7 @@ class SB3Policy:
                 if np.isfinite(self.normalization.limit):
                     values = clip(values, self.normalization.limit)
             for layer in self.layers:
-                total = np.tile(layer.biases, (len(values), 1))
-                for weights, source in zip(layer.weights.T, values.T, strict=True):
-                    total = total + weights * source[:, None]
+                total = layer.sums(values)
                 if not np.isfinite(total).all():
                     raise InvalidArgumentError(
                         f"{layer.name} must have outputs in the range of float32; they exceed it"

@@ -207,7 +207,7 @@ def scores(
     swims = pair_swims(sizes, angles)
     returns = np.empty((len(controllers), len(swims[1])))
     play = _step_episodes if compiled_task(judged) is None else _roll_out_episodes
-    for numbers, those in _by_kind(controllers):
+    for numbers, those in by_kind(controllers):
         one_kind = play(those, swims, judged, broken, seed, engine, dtype, threads)
         returns[numbers] = one_kind.reshape(len(those), -1)
     return penalize_diverged(returns, judged.seconds) if penalize else returns
@@ -245,7 +245,7 @@ def _distances(
     if not swims:
         return found
     first_y = 0.0 if state is None else state[FIELDS["position"]][1]
-    for numbers, those in _by_kind(controllers):
+    for numbers, those in by_kind(controllers):
         each = (len(those), 1)
         robots = Scenario.fill({"body": np.tile(bodies, each), "fin_angles": np.tile(poses, each)})
         swum = rollout(
@@ -340,7 +340,7 @@ def _step_episodes(
     return np.where(lost, np.nan, returns * envs.dt)
 
 
-def _by_kind(controllers: Sequence[Controller]) -> Iterator[tuple[list[int], list[Controller]]]:
+def by_kind(controllers: Sequence[Controller]) -> Iterator[tuple[list[int], list[Controller]]]:
     """Yield the controllers of each kind, which swim together, and their numbers."""
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, controller in enumerate(controllers):

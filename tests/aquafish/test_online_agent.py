@@ -15,10 +15,15 @@ from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import Water
 from aquafish.online.case import Case, Moment, Moments
 from aquafish.online.early import EarlyWatch
-from aquafish.online.gaits import imagine, load_library
+from aquafish.online.gaits import (
+    ControllerGait,
+    imagine,
+    imagine_gaits,
+    load_library,
+    swim_ahead,
+)
 from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
-from aquafish.online.swimming import act_in, begin_gait, swim_ahead
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.tasks import SwimForward
@@ -98,18 +103,19 @@ def test_it_refines_the_whole_robots_gait_when_it_is_calibrated() -> None:
     agent, info, _ = swim("none", 299, AgentConfig(generations=40, refinements=2))
     assert whats(agent) == ["chose", "refined", "refined"]
     assert [event.seconds for event in agent.events] == pytest.approx([10.0, 10.0, 11.4])
-    assert all(agent.gait is not gait for gait in agent.library)
+    assert agent.gait.name in ("a gait refined before", "the teacher")
     assert info["y_position"] > 44.0  # the library's first gait makes 42.4
 
 
 def test_it_may_choose_gaits_that_it_refined_before(monkeypatch: pytest.MonkeyPatch) -> None:
     library, candidates = load_library(), list[int]()
 
-    def favour_own(controllers: Any, *rest: Any) -> Any:
-        candidates.append(len(controllers))
-        return imagine(controllers, *rest) + 100.0 * (np.arange(len(controllers)) >= len(library))
+    def favour_own(gaits: Any, *rest: Any) -> Any:
+        candidates.append(len(gaits))
+        far = imagine_gaits(gaits, *rest)
+        return far + 100.0 * (np.arange(len(gaits)) >= len(library))
 
-    monkeypatch.setattr("aquafish.online.choosing.imagine", favour_own)
+    monkeypatch.setattr("aquafish.online.choosing.imagine_gaits", favour_own)
     config = AgentConfig(generations=20, refinements=1)
     agent, _, _ = swim("right_pectoral:missing@15", 90, config, teachers=())
     chose = [event.about for event in agent.events if event.what == "chose"]
@@ -341,23 +347,24 @@ def test_a_monitor_needs_more_than_it_saw_while_nothing_broke() -> None:
 def test_looking_ahead_is_imagining_the_gait_that_is_swum() -> None:
     robot = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)])
     model, gait = SelfModel(robot, (0.3, 1.0, 2.0)), load_library()[2]
-    swimming, begun = begin_gait(gait, robot, np.zeros(3)), model.state
+    swimming, begun = ControllerGait(gait).begin(robot, np.zeros(3)), model.state
     far = imagine([gait], robot, begun, 10.0)[0]
     for _ in range(10):  # without the filter, whose state is a mean
-        action = act_in(swimming, robot, model.state)[None].astype(float)
+        action = swimming.act(robot, model.state)[None].astype(float)
         model.become(robot, predict(robot, model.state, action)[1][:, 0])
-    ahead = swim_ahead(swimming, model, 5, 40)
+    ahead = swim_ahead(swimming, model, 5, 7.0)
     assert ahead.state[5] - begun[5] + ahead.way == pytest.approx(far, abs=1e-3)
-    assert swim_ahead(swimming, model, 5, 40).way == ahead.way  # it forgets what it imagined
+    assert swim_ahead(swimming, model, 5, 7.0).way == ahead.way  # it forgets what it imagined
 
 
 @pytest.mark.parametrize("number", [0, 2])
 def test_a_gait_is_the_controller_with_true_fin_angles(number: int) -> None:
     robot, gait = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)]), load_library()[number]
-    state, swimming = SelfModel(robot, (0.3, 1.0, 2.0)).state, begin_gait(gait, robot, np.zeros(3))
+    state = SelfModel(robot, (0.3, 1.0, 2.0)).state
+    swimming = ControllerGait(gait).begin(robot, np.zeros(3))
     policy = gait.policy((0.3, 1.0, 2.0), (1.0, 0.5, 1.0))
     for k in range(20):
-        action = act_in(swimming, robot, state)
+        action = swimming.act(robot, state)
         true = np.clip(policy(imu_readings(state[:, None])[0], 0.2 * k), -1.0, 1.0)
         np.testing.assert_allclose(action, true, atol=1e-4)
         state = predict(robot, state, action[None].astype(float))[1][:, 0]

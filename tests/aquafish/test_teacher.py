@@ -13,18 +13,24 @@ import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import Water, predicts
 from aquafish.online.choosing import GaitChooser
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import (
+    Ahead,
+    ControllerGait,
+    Effort,
+    Gait,
+    load_library,
+    refine_gait,
+    swim_ahead,
+)
 from aquafish.online.self_model import SelfModel, imu_readings, moved
-from aquafish.online.swimming import act_in, begin_gait, swim_ahead
-from aquafish.online.teacher import SHAPES, Teacher, TeacherNetwork
-from aquafish.online.teacher_gait import TeacherGait, imagine_teacher, refine_teacher
+from aquafish.online.teacher import SHAPES, Teacher
+from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork
 from aquafish.online.thinking import Event
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.controller import Controller
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import Senses
 
@@ -138,34 +144,36 @@ def test_a_teachers_gait_goes_on_as_it_was_imagined() -> None:
     model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
     gait = TeacherGait(random_teacher(), np.array([0.5, -1.0, 0.3, 1.0, -1.0, 0.5, 2.0]))
     others = [gait, *gait.phases()]
-    far = imagine_teacher(others, BROKEN, model.state, 8.0, PREVIOUS)
-    agent = begin_gait(gait, BROKEN, PREVIOUS)
-    ahead = swim_ahead(agent, model, 0, 40)
+    far = TeacherGait.ahead(others, BROKEN, model.state, 8.0, PREVIOUS)
+    agent = gait.begin(BROKEN, PREVIOUS)
+    ahead = swim_ahead(agent, model, 0, 8.0)
     assert ahead.way == pytest.approx(far[0], abs=1e-3)
-    assert swim_ahead(agent, model, 0, 40).way == ahead.way  # it forgets what it imagined
-    np.testing.assert_array_equal(imagine_teacher(others, BROKEN, model.state, 8.0, PREVIOUS), far)
-    act_in(agent, BROKEN, model.state)
-    assert swim_ahead(agent, model, 0, 40).way != ahead.way
+    assert swim_ahead(agent, model, 0, 8.0).way == ahead.way  # it forgets what it imagined
+    np.testing.assert_array_equal(
+        TeacherGait.ahead(others, BROKEN, model.state, 8.0, PREVIOUS), far
+    )
+    agent.act(BROKEN, model.state)
+    assert swim_ahead(agent, model, 0, 8.0).way != ahead.way
 
 
 def test_refining_a_teachers_gait_is_deterministic_and_no_worse() -> None:
     model = SelfModel(BROKEN, (0.3, 1.0, 2.0))
     first = TeacherGait.of(random_teacher())
 
-    def refined() -> tuple[TeacherGait, float]:
-        rng = np.random.default_rng(3)
-        return refine_teacher(first, BROKEN, model.state, 8.0, PREVIOUS, 2, rng)
+    def refined() -> tuple[Gait, float]:
+        begin = Ahead(model.state, PREVIOUS, 0.0, 8.0)
+        return refine_gait(first, BROKEN, begin, Effort(1, 2, 0.4), np.random.default_rng(3))
 
     (one, far), (other, again) = refined(), refined()
     np.testing.assert_array_equal(one.numbers, other.numbers)
-    assert far == again >= imagine_teacher([first], BROKEN, model.state, 8.0, PREVIOUS)[0]
+    assert far == again >= TeacherGait.ahead([first], BROKEN, model.state, 8.0, PREVIOUS)[0]
 
 
 def test_the_agent_swims_a_teacher_that_swims_farthest(monkeypatch: pytest.MonkeyPatch) -> None:
     def favour(gaits: list[TeacherGait], *_: object) -> Floats:
         return 1000.0 + np.arange(len(gaits))
 
-    monkeypatch.setattr("aquafish.online.choosing.imagine_teacher", favour)
+    monkeypatch.setattr(TeacherGait, "ahead", staticmethod(favour))
     env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@11", engine="numba")
     observation, info = env.reset(seed=1)
     agent = SelfModelAgent(config=AgentConfig(refinements=0))
@@ -192,9 +200,11 @@ def test_it_chooses_again_where_it_gains_a_share_of_the_way(
         seen.extend([gaits[0].teacher, rest[2]])
         return np.full(len(gaits), far["units"])
 
-    monkeypatch.setattr("aquafish.online.choosing.imagine_teacher", imagined)
-    monkeypatch.setattr("aquafish.online.choosing.imagine", lambda gaits, *_: np.zeros(len(gaits)))
-    going_on = swim_ahead(begin_gait(load_library()[0], model.robot, np.zeros(3)), model, 0, 50).way
+    monkeypatch.setattr(TeacherGait, "ahead", staticmethod(imagined))
+    nothing = staticmethod(lambda gaits, *_: np.zeros(len(gaits)))
+    monkeypatch.setattr(ControllerGait, "ahead", nothing)
+    swimmer = ControllerGait(load_library()[0]).begin(model.robot, np.zeros(3))
+    going_on = swim_ahead(swimmer, model, 0, 10.0).way
     for step, factor, taught in ((150, 1.02, False), (151, 2.0, False), (165, 1.1, True)):
         far["units"] = factor * going_on
         chooser.choose_again(model, step)
@@ -217,7 +227,7 @@ def test_both_kinds_of_gaits_are_refined_at_first() -> None:
         chooser.use_refined(model, step)
     refined = [event.seconds for event in events if event.what == "refined"]
     assert refined == pytest.approx([40.0, 40.4, 41.8, 43.0])  # quick, both, and twice one
-    assert {type(gait) for gait in chooser.refined} == {Controller, TeacherGait}
+    assert {type(gait) for gait in chooser.refined} == {ControllerGait, TeacherGait}
 
 
 def test_a_library_of_ones_own_has_no_teachers() -> None:
