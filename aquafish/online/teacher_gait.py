@@ -44,8 +44,7 @@ _FIN_ROWS = [row + at for row in range(LEFT, RATES, 2) for at in (1, 0)]  # sine
 
 @dataclass(frozen=True, eq=False)
 class TeacherGait:
-    """A gait: a teacher with seven numbers of its own; see
-        ``thresholds.TEACHER_NUMBER_SCALES``."""
+    """A gait: a teacher with seven numbers; see ``thresholds.TEACHER_NUMBER_SCALES``."""
 
     name: ClassVar[str] = "the teacher"
     refinable: ClassVar[bool] = True
