@@ -38,7 +38,7 @@ class SurpriseMonitor:
     that is larger than noise.
     """
 
-    margin: float = thresholds.SURPRISE_MARGIN
+    margin: float = field(default_factory=lambda: thresholds.SURPRISE_MARGIN)
     squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
     used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
     highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
@@ -158,7 +158,7 @@ class ErrorCalibration:
 
     def _begin(self) -> None:
         """Start new filters, and let them repeat all actions and observations so far."""
-        errors = [thresholds.MODEL_ERROR * scale for scale in thresholds.ERROR_SCALES]
+        errors = [thresholds.MODEL_ERROR * scale for scale in (1.0, *thresholds.ERROR_SCALES)]
         if not self.fitted:
             errors.insert(0, wandering_error())
         self.models = [

@@ -35,8 +35,8 @@ FIN_ANGLE_ACTIONS = 5
 POSES_PER_FIN = 16
 #: rad: standard deviation of the estimated fin angles
 FIN_ANGLE_ERROR = 0.2
-#: factor: on MODEL_ERROR; the filters that compete
-ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)
+#: factor: on MODEL_ERROR; the filters that compete with one of that error
+ERROR_SCALES = (10.0, 100.0, 1000.0)
 #: factor: on MODEL_ERROR; the least with which the water counts as foreign
 FOREIGN_ERROR_SCALE = 100.0
 #: factor: on the fins' drag; the filters that compete in foreign water

@@ -1,9 +1,11 @@
 // The fish's agent: SelfModelAgent of aquafish/online, made simpler. It knows the water, its sensors
 // are whole, it refines no gait, and it looks for a second fault only beside the likeliest first
 // ones. aquafish/page/program.py prints FACTS, and functions with names_like_this, from the library's
-// own Python. A state is a Float64Array in the order of aquafish_gym/physics/layout.py; a robot is
-// nine sizes, the gains of three servos, and its rows there; a fault is { fin, word, number }.
+// own Python; thresholds.NAME is that of aquafish/online/thresholds.py. A state is a Float64Array in
+// the order of aquafish_gym/physics/layout.py; a robot is nine sizes, the gains of three servos, and
+// its rows there; a fault is { fin, word, number }.
 
+const { thresholds } = FACTS;
 const WHOLE = makeRobot(FACTS.sizes, [1, 1, 1]);
 
 // Returns an array that one of the printed functions sets.
@@ -130,7 +132,7 @@ class SelfModel {
   constructor(robot, state) {
     this.robot = robot;
     this.state = state;
-    this.modelError = FACTS.modelError;
+    this.modelError = thresholds.MODEL_ERROR;
     this.covariance = FACTS.startCovariance;
   }
 
@@ -202,7 +204,7 @@ function near(faults, spacing) {
   let several = [[]];
   for (const fault of faults) {
     const range = FACTS.numberRanges[fault.word];
-    const numbers = FACTS.stencil.map((k) => clip(fault.number + k * spacing, range));
+    const numbers = thresholds.STENCIL.map((k) => clip(fault.number + k * spacing, range));
     several = several.flatMap((some) =>
       [...new Set(numbers)].map((number) => [...some, { ...fault, number }]),
     );
@@ -221,9 +223,9 @@ function recognise({ before, onsets, moments, slack }) {
     squares.every((x, i) => Math.sqrt(x / moments.length) <= slack * FACTS.tolerance[i]);
   const best = new Map(); // by the words of the faults, and what it was before
   const narrow = (several) => {
-    let chosen = sorted(several).slice(0, FACTS.narrowed);
-    let spacing = FACTS.firstSpacing;
-    for (let round = 0; round < FACTS.rounds; round += 1) {
+    let chosen = sorted(several).slice(0, thresholds.NARROWED_HYPOTHESES);
+    let spacing = thresholds.FIRST_SPACING;
+    for (let round = 0; round < thresholds.NARROWING_ROUNDS; round += 1) {
       chosen = chosen.map(
         ({ one, faults }) => sorted(near(faults, spacing).map((these) => tried(one, these)))[0],
       );
@@ -232,8 +234,8 @@ function recognise({ before, onsets, moments, slack }) {
         const words = [before.indexOf(found.one.robot), ...names].join("; ");
         if (!(best.get(words)?.cost <= found.cost)) best.set(words, found);
       }
-      if (round > 0) chosen = chosen.slice(0, FACTS.lateNarrowed);
-      spacing /= FACTS.spacingRatio;
+      if (round > 0) chosen = chosen.slice(0, thresholds.LATE_HYPOTHESES);
+      spacing /= thresholds.SPACING_RATIO;
     }
     return sorted([...best.values()]);
   };
@@ -248,7 +250,8 @@ function recognise({ before, onsets, moments, slack }) {
   }
   let found = narrow(cases.flatMap((one) => FACTS.singles.map((faults) => tried(one, faults))));
   if (!explains(found[0])) {
-    const firsts = found.filter(({ faults }) => faults.length).slice(0, FACTS.firstFaults);
+    const single = found.filter(({ faults }) => faults.length);
+    const firsts = single.slice(0, thresholds.LATE_HYPOTHESES);
     const pairs = firsts.flatMap(({ one, faults }) =>
       FACTS.singles.map((other) => tried(one, [...faults, ...other])),
     );
@@ -259,7 +262,7 @@ function recognise({ before, onsets, moments, slack }) {
   const alternatives = found.map((one) => ({ robot: one.robot, weight: likelihood(one) / total }));
   const [{ robot, one }] = found;
   const model = new SelfModel(robot, one.state);
-  model.modelError = FACTS.recognisedError;
+  model.modelError = thresholds.RECOGNISED_ERROR;
   for (const moment of moments.slice(one.onset)) model.carry(moment);
   return { explains: explains(found[0]), model, alternatives };
 }
@@ -285,7 +288,9 @@ class Agent {
     this.alternatives = [{ robot: WHOLE, weight: 1 }];
     this.far = []; // how far each gait would swim
     this.ahead = 1; // actions after which that should be known
-    this.moments = []; // the last ones, all with the present belief
+    // The last ones, all with the present belief: as many as without a compass, since a longer stretch
+    // tells a seized fin from a weak one.
+    this.moments = [];
     this.squares = [];
     this.slack = 1;
     this.alarm = -Infinity; // when the last case began
@@ -318,14 +323,16 @@ class Agent {
   // Carries the model on by a moment.
   carry(moment) {
     const { model, moments, squares } = this;
-    this.moments = [...moments, { ...moment, state: model.state }].slice(-FACTS.recentMoments);
-    this.squares = [...squares, model.carry(moment)].slice(-FACTS.windows.at(-1)[0]);
+    this.moments = [...moments, { ...moment, state: model.state }].slice(
+      -thresholds.ACTIONS_BEFORE_GYRO_ALARM - 1,
+    );
+    this.squares = [...squares, model.carry(moment)].slice(-thresholds.WINDOWS.at(-1));
   }
 
   notice() {
-    // What it has just found is not exact: another break surprises it much more.
-    const isSettled = this.steps >= this.alarm + FACTS.settledActions;
-    const least = isSettled ? 1 : FACTS.earlyMargin;
+    // What it has just found is not exact, as in foreign water: another break surprises it more.
+    const isSettled = this.steps >= this.alarm + thresholds.SETTLED_CASE_ACTIONS;
+    const least = isSettled ? 1 : thresholds.FOREIGN_SURPRISE_MARGIN;
     const surprises = ([window, most]) => sum(this.squares.slice(-window)) > least * most;
     if (FACTS.windows.some(surprises) && (isSettled || this.explained)) this.open();
     if (this.case && !this.asked && this.steps - this.alarm + 1 >= this.case.due[0]) {
@@ -341,9 +348,9 @@ class Agent {
     const before = robot === WHOLE ? [WHOLE] : [robot, WHOLE];
     const onsets = this.moments.length;
     // Where nothing explained the last alarm, the model's error is larger.
-    const growth = this.explained ? 0 : FACTS.errorGrowth;
-    this.slack = this.explained ? 1 : FACTS.errorGrowth * this.slack;
-    this.model.modelError = FACTS.recognisedError.map((sd, i) =>
+    const growth = this.explained ? 0 : thresholds.ERROR_GROWTH;
+    this.slack = this.explained ? 1 : thresholds.ERROR_GROWTH * this.slack;
+    this.model.modelError = thresholds.RECOGNISED_ERROR.map((sd, i) =>
       Math.min(FACTS.largestError[i], Math.max(growth * modelError[i], sd)),
     );
     this.case = {
@@ -369,12 +376,12 @@ class Agent {
     if (!this.case.due.length) this.case = null;
     this.log(explains ? "knew" : "unknown");
     if (!explains) return;
-    if (difference(model.robot, WHOLE) < FACTS.sameRobot) model.robot = WHOLE;
+    if (!faultsOf(model.robot).length) model.robot = WHOLE;
     Object.assign(this.model, model);
     this.moments = [];
     this.squares = [];
     for (const moment of since) this.carry(moment);
-    if (difference(model.robot, before) > FACTS.sameGait) this.choose();
+    if (difference(model.robot, before) > thresholds.SAME_GAIT_DIFFERENCE) this.choose();
   }
 
   // Asks how far gaits would swim, from where it will be when that is known.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.online import thresholds
+from aquafish.online import AgentConfig, thresholds
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, all_hypotheses
 from aquafish.online.monitor import chance_bound
@@ -21,10 +21,6 @@ from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
 
 GYRO_NOISE = 0.01  # standard deviation, rad/s: the league's
-SAME_ROBOT_DIFFERENCE = 0.01  # of sizes, in units, and of gains: a robot that is whole
-EARLY_MARGIN = 20.0  # times as much surprise raises an alarm soon after another one
-INFERENCES = (3, 5, 8, 12, 18)  # numbers of observations from an alarm on with which to infer
-FIRST_FAULTS = 3  # the likeliest single ones, beside which another is looked for
 GAIT_SENSES = Senses(fins=True)  # of each gait of the library
 
 
@@ -35,6 +31,11 @@ def agent_facts(seconds: float) -> dict[str, Any]:
     gaits = load_library()
     hold = gaits[0].interval
     return {
+        "thresholds": {
+            name: np.asarray(value).tolist()
+            for name, value in vars(thresholds).items()
+            if name.isupper()
+        },
         "hold": hold,
         "seconds": hold * TIMESTEP,
         "horizon": round(seconds / (hold * TIMESTEP)),
@@ -59,34 +60,17 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "effects": {fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in FINS},
         "singles": singles(),
         "numberRanges": {word: NUMBER_RANGES.get(word, (0.0, 0.0)) for word in FIRST_NUMBERS},
-        "numberMargin": thresholds.NUMBER_MARGIN,
         "costs": {
             word: thresholds.WORD_COST + thresholds.NUMBER_COST * (word in NUMBER_RANGES)
             for word in FIRST_NUMBERS
         },
-        "firstFaults": FIRST_FAULTS,
-        "stencil": thresholds.STENCIL,
-        "rounds": thresholds.NARROWING_ROUNDS,
-        "narrowed": thresholds.NARROWED_HYPOTHESES,
-        "lateNarrowed": thresholds.LATE_HYPOTHESES,
-        "firstSpacing": thresholds.FIRST_SPACING,
-        "spacingRatio": thresholds.SPACING_RATIO,
-        "modelError": thresholds.MODEL_ERROR.tolist(),
-        "recognisedError": thresholds.RECOGNISED_ERROR.tolist(),
         # It begins at rest, in water whose current it knows.
         "startCovariance": np.diag(np.full(ERROR_SIZE, thresholds.START_ERROR[0]) ** 2).tolist(),
         "largestError": (thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR).tolist(),
-        "errorGrowth": thresholds.ERROR_GROWTH,
         "windows": [
             (window, chance_bound(window * len(CHANNELS))) for window in thresholds.WINDOWS
         ],
-        "earlyMargin": EARLY_MARGIN,
-        "settledActions": thresholds.SETTLED_CASE_ACTIONS,
-        # As many as without a compass: a longer stretch tells a seized fin from a weak one.
-        "recentMoments": thresholds.ACTIONS_BEFORE_GYRO_ALARM + 1,
-        "inferences": INFERENCES,
-        "sameRobot": SAME_ROBOT_DIFFERENCE,
-        "sameGait": thresholds.SAME_GAIT_DIFFERENCE,
+        "inferences": AgentConfig().inferences,
         "outputGain": OUTPUT_GAIN,
         "gaits": [gait_facts(gait) for gait in gaits],
     }

@@ -1,7 +1,7 @@
 // What the page says of a robot: the faults that make it of the whole one.
 
 function faultsOf({ sizes, gain }) {
-  const differs = (share) => Math.abs(share - 1) > FACTS.numberMargin;
+  const differs = (share) => Math.abs(share - 1) > thresholds.NUMBER_MARGIN;
   return FACTS.fins.flatMap((fin, i) => {
     const { length, width } = FACTS.columns[fin];
     const long = sizes[length] / WHOLE.sizes[length];
