@@ -9,16 +9,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish.online.belief import Event, ReadingHistory
 from aquafish.online.case import Moment
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import Gait, check_library, load_library
-from aquafish.online.monitor import ReadingHistory
 from aquafish.online.phases import Calibrating, Episode, Phase
 from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import SelfModel, noise_of, observed_directions
 from aquafish.online.teacher import Teacher, check_teachers
-from aquafish.online.thinking import Event
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.array_types import Floats

@@ -1,19 +1,27 @@
-"""What an agent believes of its robot and of the water, once it has measured its own error."""
+"""What an agent believes of its robot and of the water, what surprises it, and what it decided.
+
+Changes in a recorded log, without a state before them, are ``eea.infer.known``'s.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+import math
+from dataclasses import dataclass, field, replace
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from aquafish.online import thresholds
 from aquafish.online.gaits import Gait
-from aquafish.online.monitor import SurpriseMonitor
 from aquafish.online.self_model import SelfModel
 from aquafish_gym.damage import Damage
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.utils.validation import finite_array
+
+Result = TypeVar("Result")
 
 
 class Water(NamedTuple):
@@ -45,6 +53,124 @@ class Trusted(NamedTuple):
 
     belief: Belief  #: Its model goes on beside the agent's.
     gait: Gait
+
+
+@dataclass
+class SurpriseMonitor:
+    """Raises an alarm when the squared innovations of recent actions sum to too much.
+
+    An alarm needs a sum above two bounds. One is the quantile of chi-squared, for noise. The other
+    is ``margin`` times the largest sum before anything broke, for model error: in foreign water
+    that is larger than noise.
+    """
+
+    margin: float = field(default_factory=lambda: thresholds.SURPRISE_MARGIN)
+    squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
+    used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
+    highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
+
+    def __post_init__(self) -> None:
+        finite_array("margin", self.margin, (), 0.0)
+
+    def add(self, square: float, used: int, calm: bool = False) -> bool:
+        """Add an action's squared innovation of ``used`` channels; return whether to alarm.
+
+        With ``calm``, nothing has broken yet: the sums raise the bound, and there is no alarm.
+        """
+        self.squares.append(square)
+        self.used.append(used)
+        del self.squares[: -max(thresholds.WINDOWS)], self.used[: -max(thresholds.WINDOWS)]
+        alarming = False
+        for window in thresholds.WINDOWS:
+            if len(self.squares) < window:
+                break
+            total = sum(self.squares[-window:])
+            if calm:
+                self.highest[window] = max(self.highest.get(window, 0.0), total)
+            error_bound = self.margin * self.highest.get(window, 0.0)
+            alarming |= total > max(chance_bound(sum(self.used[-window:])), error_bound)
+        return alarming and not calm
+
+    def clear(self) -> None:
+        """Forget the squared innovations, and keep the highest sums."""
+        self.squares.clear()
+        self.used.clear()
+
+
+class ReadingHistory:
+    """The last two readings of each sensor channel, and the number of actions since the last.
+
+    ``expected`` (9,) is true of the channels that should give readings.
+    """
+
+    def __init__(self, expected: NDArray[np.bool_]) -> None:
+        self._expected = expected
+        self._last = np.full((2, len(CHANNELS)), np.nan)
+        self._silence = np.zeros(len(CHANNELS), np.intp)  # actions since the last reading
+        self._longest = np.zeros(len(CHANNELS), np.intp)  # silence so far
+
+    def changed(self, observed: Floats) -> NDArray[np.bool_]:
+        """Return which channels (9,) repeated a reading and now give a different one."""
+        before_last, last = self._last
+        found: NDArray[np.bool_] = (
+            (before_last == last) & (last != observed) & np.isfinite(observed)
+        )
+        return found
+
+    def add(self, observed: Floats) -> list[str]:
+        """Add an observation (9,); return a message for each channel that fell silent.
+
+        A channel is reported once, after ``SILENT_ACTIONS`` without a reading.
+        """
+        fresh = np.isfinite(observed)
+        self._last[:, fresh] = self._last[1, fresh], observed[fresh]
+        self._silence = np.where(fresh, 0, self._silence + 1)
+        new = (
+            self._expected
+            & (self._silence == thresholds.SILENT_ACTIONS)
+            & (self._longest < thresholds.SILENT_ACTIONS)
+        )
+        self._longest = np.maximum(self._longest, self._silence)
+        return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]
+
+
+class Event(NamedTuple):
+    """Something that the agent noticed or decided."""
+
+    seconds: float  #: When, in the episode.
+    #: "fins", "water", "sensor", "alarm", "inferred", "unknown", "chose" or "refined".
+    what: str
+    about: str  #: In words.
+    cpu: float = 0.0  #: CPU seconds that it took.
+
+
+class Thought(NamedTuple, Generic[Result]):
+    """A result that can be used from an action on."""
+
+    due: int
+    event: Event
+    result: Result
+
+
+def thinking_actions(seconds: float, dt: float) -> int:
+    """Return how many actions of ``dt`` seconds thinking takes: at least one.
+
+    The present action is due now.
+
+    Examples
+    --------
+    >>> thinking_actions(0.4, 0.2), thinking_actions(0.0, 0.2)
+    (2, 1)
+    """
+    return max(1, math.ceil(seconds / dt - 1e-9))
+
+
+def chance_bound(freedom: int) -> float:
+    """Return the bound on the sum of ``freedom`` squared innovations for noise alone.
+
+    It is a quantile of chi-squared.
+    """
+    return float(chdtri(freedom, thresholds.ALARM_PROBABILITY)) if freedom else 0.0
 
 
 def predicts(drift: Floats, observed: Floats) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.online import thresholds
-from aquafish.online.belief import Water
+from aquafish.online.belief import Event, Thought, Water, thinking_actions
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import (
     Ahead,
@@ -26,7 +26,6 @@ from aquafish.online.gaits import (
 from aquafish.online.self_model import SelfModel
 from aquafish.online.teacher import Teacher
 from aquafish.online.teacher_gait import TeacherGait
-from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish.online import thresholds
+from aquafish.online.belief import SurpriseMonitor, chance_bound
+from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.case import Case, Moment
-from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor, chance_bound
 from aquafish.online.self_model import SelfModel
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import CHANNELS

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.online import thresholds
-from aquafish.online.self_model import SelfModel, imu_readings
-from aquafish.online.sensor_faults import SENSOR_FIELDS
+from aquafish.online.self_model import SENSOR_FIELDS, SelfModel, imu_readings
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology

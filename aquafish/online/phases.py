@@ -9,22 +9,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online import thresholds
-from aquafish.online.belief import Belief, Trusted, Water, predicts
+from aquafish.online.belief import (
+    Belief,
+    Event,
+    ReadingHistory,
+    Thought,
+    Trusted,
+    Water,
+    predicts,
+    thinking_actions,
+)
+from aquafish.online.calibration import ErrorCalibration, wanders
 from aquafish.online.case import Case, Moment, Moments, open_case
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.config import AgentConfig
 from aquafish.online.early import EarlyWatch, early_drift
-from aquafish.online.monitor import ErrorCalibration, ReadingHistory, wanders
 from aquafish.online.recognition import Recognised, alike
 from aquafish.online.self_model import SelfModel, noise_of, predict
-from aquafish.online.thinking import Event, Thought, thinking_actions
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario
@@ -235,9 +243,12 @@ class Watching:
 
     def explaining(self, case: Case) -> Explaining:
         """Return the phase in which a case is explained."""
-        return Explaining(
-            self.episode, self.belief, self.trusted, self.first_case, self.quiet, case=case
-        )
+        return Explaining(**self._kept, case=case)
+
+    @property
+    def _kept(self) -> dict[str, Any]:
+        """What both phases keep, by name."""
+        return {one.name: getattr(self, one.name) for one in fields(Watching)}
 
     def observe(self, moment: Moment) -> Watching:
         """Take in a moment; return the next phase."""
@@ -373,7 +384,7 @@ class Explaining(Watching):
             self._infer()
         if self.case.due or not self.case.settled(steps):
             return self
-        return Watching(self.episode, self.belief, self.trusted, self.first_case, self.quiet)
+        return Watching(**self._kept)
 
     def _infer(self) -> None:
         """Recognise what broke; the result can be used after the time for thinking."""

@@ -13,13 +13,11 @@ import numpy as np
 
 from aquafish.online import thresholds
 from aquafish.online.hypotheses import broken
-from aquafish.online.search import Alternative, Search, leaves_noise, mismatch
-from aquafish.online.self_model import noise_of, predict
-from aquafish.online.sensor_faults import SENSOR_FIELDS, with_sensors
-from aquafish_gym.damage import Damage
-from aquafish_gym.physics.layout import start_rows
-from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.array_types import Floats
+from aquafish.online.search import Alternative, Search, leaves_noise
+from aquafish.online.self_model import SENSOR_FIELDS, noise_of, predict
+from aquafish_gym.damage import Damage, Fault
+from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, Scenario
+from aquafish_gym.utils.array_types import Flags, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,43 +147,63 @@ def recognise(
     )
 
 
-def find_fins(
-    waters: Sequence[Scenario], observed: Floats, actions: Floats, hold: int = 20
-) -> Floats:
-    """Return the fin angles (3,), rad, at which a robot began at rest.
-
-    ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
-    each of its actions (K, 3).
-    """
-    turn = 2 * np.pi * np.arange(thresholds.POSES_PER_FIN) / thresholds.POSES_PER_FIN
-    spacing = turn[1]
-    grid = np.stack(np.meshgrid(turn, turn, turn), -1)
-    stencil = np.arange(-1, 2)
-    around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
-    poses: Floats = grid.reshape(-1, 3)
-    for _ in range(thresholds.NARROWING_ROUNDS):
-        costs = np.min(
-            [
-                mismatch(
-                    predict(
-                        robot.take(np.zeros(len(poses), np.intp)), start_rows(poses), actions, hold
-                    )[0],
-                    observed,
-                    noise_of(robot),
-                )
-                for robot in waters
-            ],
-            axis=0,
-        )
-        best = poses[np.argsort(costs, kind="stable")[: thresholds.NARROWED_HYPOTHESES]]
-        spacing /= 2
-        poses = (best[:, None] + spacing * around).reshape(-1, 3)
-    found: Floats = best[0]
-    return found
-
-
 def alike(one: Scenario, other: Scenario) -> bool:
     """Return whether two robots need no different gaits: their sizes and gains are alike."""
     sizes = np.abs(one.body - other.body).max()
     gains = np.abs(one.servo_gain - other.servo_gain).max()
     return bool(max(sizes, gains) <= thresholds.SAME_GAIT_DIFFERENCE)
+
+
+def with_sensors(
+    robot: Scenario, errors: Floats, silent: Flags, zero: Flags, expected: Floats, tolerance: Floats
+) -> tuple[Scenario, Damage, tuple[str, ...]]:
+    """Return a robot with the sensors that errors (K, 9) show, what broke, and the odd channels.
+
+    Errors of what was not observed are NaN. ``expected`` (9,) is the rms error of whole channels.
+    An odd channel observes something else than its robot should, for no reason known here. It is
+    not used, as if it were stuck.
+    """
+    seen, noise = np.isfinite(errors), robot.gyro_noise
+    errors, count = np.where(seen, errors, 0.0), np.maximum(seen.sum(axis=0), 1)
+    mean = errors.sum(axis=0) / count
+    deviation = np.sqrt((np.square(errors - mean) * seen).sum(axis=0) / count)
+    off = ~silent & (np.sqrt(np.square(errors).sum(axis=0) / count) > tolerance)
+    steady = deviation < thresholds.BIAS_DEVIATION * np.abs(mean)
+    biased = off & steady & (count >= thresholds.FEWEST_OBSERVATIONS)
+    odd = off & ~biased
+    # Below the tolerance, many observations show a bias that the filter would fight with for ever.
+    around = np.where(np.isfinite(expected), expected, 1.0) ** 2 + deviation**2
+    gain = 0.5 * count * np.log1p(mean**2 / around)
+    plain = (
+        steady
+        & (gain > thresholds.BIAS_COST + 0.5 * np.log(count))
+        & (mean**2 > thresholds.BIAS_RATIO**2 * around)
+    )
+    biased |= plain & ~silent & (count >= thresholds.FEWEST_BIAS_OBSERVATIONS)
+    faults = list[Fault]()
+    # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
+    heard = (
+        ~(silent | biased)[GYRO_CHANNELS]
+        & np.isfinite(expected[GYRO_CHANNELS])
+        & seen[:, GYRO_CHANNELS].any(axis=0)
+    )
+    gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
+    if gyro.shape[1] >= 2 and size >= thresholds.FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
+        power = np.square(gyro).sum()
+        usual = np.hypot(expected, thresholds.TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
+        louder = power > np.square(usual).mean() * (size + thresholds.NOISE_EXCESS * size**0.5)
+        if louder and (gyro[1:] * gyro[:-1]).sum() < thresholds.NOISE_CORRELATION * power:  # white
+            noise, odd[GYRO_CHANNELS] = np.sqrt(power / size).reshape(1), False
+            faults.append(Fault("gyro", "noise", float(noise[0])))
+    kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased}
+    for name, flags in kinds.items():
+        for i in np.flatnonzero(flags):
+            faults.append(Fault(CHANNELS[i], name, float(mean[i]) if name == "bias" else None))
+    sensors = {
+        "gyro_noise": noise,
+        "sensor_bias": robot.sensor_bias + np.where(biased, mean, 0.0),
+        "sensor_dropped": robot.sensor_dropped | kinds["dropped"],
+        "sensor_stuck": robot.sensor_stuck | kinds["stuck"] | odd,
+    }
+    odd_channels = tuple(CHANNELS[i] for i in np.flatnonzero(odd))
+    return replace(robot, **sensors), Damage(tuple(faults)), odd_channels

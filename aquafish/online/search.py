@@ -19,11 +19,10 @@ import numpy as np
 from aquafish.online import thresholds
 from aquafish.online.hypotheses import DamageGrid, FinFaults, all_hypotheses, broken
 from aquafish.online.self_model import noise_of, predict
-from aquafish.online.sensor_faults import repeated_channels
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.utils.array_types import Flags, Floats
 
 
 class Alternative(NamedTuple):
@@ -333,3 +332,19 @@ def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
     found = np.minimum(found, biased)
     total: Floats = found.sum(axis=1)
     return np.where(np.isfinite(total), total, np.inf)
+
+
+def repeated_channels(observed: Floats) -> tuple[Flags, Flags]:
+    """Return which channels (9,) of observations (K, 9) are silent, and which read 0 at last.
+
+    No whole channel repeats itself.
+    """
+    silent, zero = np.zeros((2, observed.shape[1]), np.bool_)
+    for i, column in enumerate(observed.T):
+        last = column[np.isfinite(column)][-thresholds.FEWEST_OBSERVATIONS :]
+        if len(last):
+            zero[i] = last[-1] == 0.0
+            silent[i] = (
+                (last == last[-1]).all() if len(last) == thresholds.FEWEST_OBSERVATIONS else zero[i]
+            )
+    return silent, zero

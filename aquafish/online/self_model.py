@@ -38,6 +38,7 @@ from aquafish_gym.utils.validation import (
 MAXIMUM_ACTION_STEPS = 1000  # of 0.01 s
 
 
+SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")  # of a scenario
 ERROR_SIZE = 12  # of the error of a state
 ATTITUDE_ERRORS = slice(0, 3)
 VELOCITY_ERRORS = slice(3, 6)

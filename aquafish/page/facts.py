@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import AgentConfig, thresholds
+from aquafish.online.belief import chance_bound
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, all_hypotheses
-from aquafish.online.monitor import chance_bound
 from aquafish.online.self_model import ERROR_SIZE
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage.breaking import break_part

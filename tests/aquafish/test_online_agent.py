@@ -12,7 +12,8 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
-from aquafish.online.belief import Water
+from aquafish.online.belief import SurpriseMonitor, Water
+from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.case import Case, Moment, Moments
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import (
@@ -22,7 +23,6 @@ from aquafish.online.gaits import (
     load_library,
     swim_ahead,
 )
-from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel, imu_readings, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.single import CompiledWorld

@@ -11,8 +11,9 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
+from aquafish.online.belief import SurpriseMonitor
+from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.gaits import load_library
-from aquafish.online.monitor import ErrorCalibration, SurpriseMonitor
 from aquafish.online.self_model import SelfModel
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward

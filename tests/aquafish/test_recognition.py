@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aquafish.online.calibration import find_fins
 from aquafish.online.hypotheses import all_hypotheses, broken
-from aquafish.online.recognition import find_fins, recognise
+from aquafish.online.recognition import recognise
 from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import FIELDS

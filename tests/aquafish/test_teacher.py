@@ -11,7 +11,7 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
-from aquafish.online.belief import Water, predicts
+from aquafish.online.belief import Event, Water, predicts
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.gaits import (
     Ahead,
@@ -25,7 +25,6 @@ from aquafish.online.gaits import (
 from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.teacher import SHAPES, Teacher
 from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork
-from aquafish.online.thinking import Event
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows, start_rows
 from aquafish_gym.scenario import Scenario

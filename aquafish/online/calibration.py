@@ -1,20 +1,19 @@
-"""Change detection in mid-swim: do observations surprise the filter more than its own error does?
-
-Changes in a recorded log, without a state before them, are ``eea.infer.known``'s.
-"""
+"""The first ten seconds: how wrong is the self-model, in which water, and where are the fins?"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
+from numpy.typing import ArrayLike
 
 from aquafish.online import thresholds
+from aquafish.online.belief import SurpriseMonitor
 from aquafish.online.case import Moment
-from aquafish.online.recognition import find_fins
-from aquafish.online.self_model import FIN_ERRORS, VELOCITY_ERRORS, SelfModel, predict
+from aquafish.online.search import mismatch
+from aquafish.online.self_model import FIN_ERRORS, VELOCITY_ERRORS, SelfModel, noise_of, predict
+from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
@@ -27,93 +26,6 @@ from aquafish_gym.utils.validation import (
 )
 
 WATERS = (False, True)  # without and with added mass
-
-
-@dataclass
-class SurpriseMonitor:
-    """Raises an alarm when the squared innovations of recent actions sum to too much.
-
-    An alarm needs a sum above two bounds. One is the quantile of chi-squared, for noise. The other
-    is ``margin`` times the largest sum before anything broke, for model error: in foreign water
-    that is larger than noise.
-    """
-
-    margin: float = field(default_factory=lambda: thresholds.SURPRISE_MARGIN)
-    squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
-    used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
-    highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
-
-    def __post_init__(self) -> None:
-        finite_array("margin", self.margin, (), 0.0)
-
-    def add(self, square: float, used: int, calm: bool = False) -> bool:
-        """Add an action's squared innovation of ``used`` channels; return whether to alarm.
-
-        With ``calm``, nothing has broken yet: the sums raise the bound, and there is no alarm.
-        """
-        self.squares.append(square)
-        self.used.append(used)
-        del self.squares[: -max(thresholds.WINDOWS)], self.used[: -max(thresholds.WINDOWS)]
-        alarming = False
-        for window in thresholds.WINDOWS:
-            if len(self.squares) < window:
-                break
-            total = sum(self.squares[-window:])
-            if calm:
-                self.highest[window] = max(self.highest.get(window, 0.0), total)
-            error_bound = self.margin * self.highest.get(window, 0.0)
-            alarming |= total > max(chance_bound(sum(self.used[-window:])), error_bound)
-        return alarming and not calm
-
-    def clear(self) -> None:
-        """Forget the squared innovations, and keep the highest sums."""
-        self.squares.clear()
-        self.used.clear()
-
-
-class ReadingHistory:
-    """The last two readings of each sensor channel, and the number of actions since the last.
-
-    ``expected`` (9,) is true of the channels that should give readings.
-    """
-
-    def __init__(self, expected: NDArray[np.bool_]) -> None:
-        self._expected = expected
-        self._last = np.full((2, len(CHANNELS)), np.nan)
-        self._silence = np.zeros(len(CHANNELS), np.intp)  # actions since the last reading
-        self._longest = np.zeros(len(CHANNELS), np.intp)  # silence so far
-
-    def changed(self, observed: Floats) -> NDArray[np.bool_]:
-        """Return which channels (9,) repeated a reading and now give a different one."""
-        before_last, last = self._last
-        found: NDArray[np.bool_] = (
-            (before_last == last) & (last != observed) & np.isfinite(observed)
-        )
-        return found
-
-    def add(self, observed: Floats) -> list[str]:
-        """Add an observation (9,); return a message for each channel that fell silent.
-
-        A channel is reported once, after ``SILENT_ACTIONS`` without a reading.
-        """
-        fresh = np.isfinite(observed)
-        self._last[:, fresh] = self._last[1, fresh], observed[fresh]
-        self._silence = np.where(fresh, 0, self._silence + 1)
-        new = (
-            self._expected
-            & (self._silence == thresholds.SILENT_ACTIONS)
-            & (self._longest < thresholds.SILENT_ACTIONS)
-        )
-        self._longest = np.maximum(self._longest, self._silence)
-        return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]
-
-
-def chance_bound(freedom: int) -> float:
-    """Return the bound on the sum of ``freedom`` squared innovations for noise alone.
-
-    It is a quantile of chi-squared.
-    """
-    return float(chdtri(freedom, thresholds.ALARM_PROBABILITY)) if freedom else 0.0
 
 
 class ErrorCalibration:
@@ -324,3 +236,38 @@ def wandering_error() -> Floats:
 def wanders(model: SelfModel) -> bool:
     """Return whether a filter of a calibration lets the current wander."""
     return bool(np.array_equal(model.model_error, wandering_error()))
+
+
+def find_fins(
+    waters: Sequence[Scenario], observed: Floats, actions: Floats, hold: int = 20
+) -> Floats:
+    """Return the fin angles (3,), rad, at which a robot began at rest.
+
+    ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
+    each of its actions (K, 3).
+    """
+    turn = 2 * np.pi * np.arange(thresholds.POSES_PER_FIN) / thresholds.POSES_PER_FIN
+    spacing = turn[1]
+    grid = np.stack(np.meshgrid(turn, turn, turn), -1)
+    stencil = np.arange(-1, 2)
+    around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
+    poses: Floats = grid.reshape(-1, 3)
+    for _ in range(thresholds.NARROWING_ROUNDS):
+        costs = np.min(
+            [
+                mismatch(
+                    predict(
+                        robot.take(np.zeros(len(poses), np.intp)), start_rows(poses), actions, hold
+                    )[0],
+                    observed,
+                    noise_of(robot),
+                )
+                for robot in waters
+            ],
+            axis=0,
+        )
+        best = poses[np.argsort(costs, kind="stable")[: thresholds.NARROWED_HYPOTHESES]]
+        spacing /= 2
+        poses = (best[:, None] + spacing * around).reshape(-1, 3)
+    found: Floats = best[0]
+    return found
