@@ -120,15 +120,15 @@ class ReadingHistory:
     def add(self, observed: Floats) -> list[str]:
         """Add an observation (9,); return a message for each channel that fell silent.
 
-        A channel is reported once, after ``SILENT_ACTIONS`` without a reading.
+        A channel is reported once, after ``FEWEST_OBSERVATIONS`` actions without a reading.
         """
         fresh = np.isfinite(observed)
         self._last[:, fresh] = self._last[1, fresh], observed[fresh]
         self._silence = np.where(fresh, 0, self._silence + 1)
         new = (
             self._expected
-            & (self._silence == thresholds.SILENT_ACTIONS)
-            & (self._longest < thresholds.SILENT_ACTIONS)
+            & (self._silence == thresholds.FEWEST_OBSERVATIONS)
+            & (self._longest < thresholds.FEWEST_OBSERVATIONS)
         )
         self._longest = np.maximum(self._longest, self._silence)
         return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]

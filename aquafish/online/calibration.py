@@ -87,7 +87,7 @@ class ErrorCalibration:
 
     def _forget_likelihoods(self) -> None:
         for model in self.models:
-            model.log_likelihood = -thresholds.WANDERING_COST if wanders(model) else 0.0
+            model.log_likelihood = -thresholds.CURRENT_COST if wanders(model) else 0.0
 
     @property
     def exact(self) -> list[int]:
@@ -198,7 +198,7 @@ class ErrorCalibration:
         the current wanders the returned error is doubled: it may wander faster in another place.
         """
         best = self.best if known is None else known
-        counted = None if known is None else -thresholds.UNCOUNTED_ACTIONS
+        counted = None if known is None else -thresholds.LONGEST_DELAY_ACTIONS
         model = self.models[best]
         moments = self.moments[best][:counted]
         errors = []
@@ -211,7 +211,7 @@ class ErrorCalibration:
         for first in range(
             thresholds.SETTLED_ACTIONS,
             len(moments) - thresholds.PREDICTED_ACTIONS + 1,
-            thresholds.PREDICTION_INTERVAL,
+            max(1, thresholds.PREDICTED_ACTIONS // 2),
         ):
             part = moments[first : first + thresholds.PREDICTED_ACTIONS]
             actions = np.array([moment.action for moment in part])

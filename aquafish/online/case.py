@@ -123,9 +123,9 @@ class Case:
         states = [moments[0].state]
         for action in actions[: self._starts - 1]:
             states.append(predict(self.before[0], states[-1], action[None], hold)[1][:, 0])
-        tolerance = np.maximum(thresholds.DRIFT_RATIO * drift, thresholds.CHANNEL_TOLERANCE)
+        tolerance = np.maximum(thresholds.TOLERANCE_RATIO * drift, thresholds.CHANNEL_TOLERANCE)
         tolerance[GYRO_CHANNELS] = np.maximum(
-            tolerance[GYRO_CHANNELS], thresholds.NOISE_RATIO * gyro_noise
+            tolerance[GYRO_CHANNELS], thresholds.TOLERANCE_RATIO * gyro_noise
         )
         found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
         # The robot has all of them; what is said of it has the latest.

@@ -103,7 +103,7 @@ class EarlyWatch:
             recent = [
                 i
                 for i in self._calibration.exact
-                if i in since and steps - since[i] <= thresholds.SUSPICION_ACTIONS
+                if i in since and steps - since[i] <= thresholds.LONGEST_DELAY_ACTIONS
             ]
             self._alarmed = True
             self._chosen = recent[0]

@@ -7,6 +7,7 @@ observations. A phase takes in each moment and each inference, and returns the n
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -66,11 +67,16 @@ class Episode:
         self.moments = self.remembered()
 
     def remembered(self, begun: Sequence[Moment] = ()) -> Moments:
-        """Return moments of which as many are kept as an explanation may need."""
+        """Return moments of which as many are kept as an explanation may need.
+
+        It may be that of two alarms, each of which the robot may have been broken or whole before.
+        """
         config = self.config
+        starts = actions_before_alarm(config.gyro_only) + thresholds.OUTAGE_ACTIONS + 2
+        inferences = 2 * math.ceil(2 * starts / thresholds.CHARGED_STARTS)
+        thinking = thinking_actions(inferences * config.inference_seconds, self.dt)
         longest = max(thresholds.CALIBRATION_ACTIONS, *config.inferences)
-        thinking = thinking_actions(thresholds.MOST_INFERENCES * config.inference_seconds, self.dt)
-        return Moments(longest + thresholds.REMEMBERED_ACTIONS + thinking, begun)
+        return Moments(longest + thresholds.REOPENED_ACTIONS + starts + thinking, begun)
 
     @property
     def dt(self) -> float:
@@ -217,7 +223,7 @@ class Watching:
     """Watches whether what it observes surprises its self-model.
 
     What it believed and swam before an alarm stays ``trusted`` until an inference fits that uses
-    seven observations or more, or the last inference fits not: then it returns to that.
+    eight observations or more, or the last inference fits not: then it returns to that.
     """
 
     episode: Episode
@@ -277,7 +283,7 @@ class Watching:
         used = np.isfinite(noise_of(belief.intact))
         exact = not config.gyro_noise and belief.drift[used].max() < thresholds.CHANNEL_TOLERANCE
         if self.water.foreign:  # how surprising another gait is must be learned after each alarm
-            self.quiet = episode.steps + thresholds.QUIET_ACTIONS
+            self.quiet = episode.steps + thresholds.CALIBRATION_ACTIONS
         elif self.trusted is None:
             self.trusted = Trusted(belief.copy(), episode.chooser.gait)
         if any(event.what == "alarm" for event in episode.events):
@@ -287,7 +293,7 @@ class Watching:
             )
         due = list(config.inferences)
         if self.water.foreign:
-            fewest = thresholds.FEWEST_FOREIGN_OBSERVATIONS
+            fewest = thresholds.FEWEST_OBSERVATIONS
             due = [k for k in due if fewest <= k <= thresholds.MOST_FOREIGN_OBSERVATIONS]
         if self.water.wandering:
             due = [k for k in due if k <= thresholds.MOST_WANDERING_OBSERVATIONS]
@@ -310,7 +316,8 @@ class Watching:
             self._doubt(last=not case.due)
             return self
         episode.recognised = found
-        if thought.event.seconds >= (case.step + thresholds.CONFIRMING_ACTIONS) * episode.dt:
+        last = thresholds.CONFIRMING_OBSERVATIONS - 1
+        if thought.event.seconds >= (case.step + last) * episode.dt:
             self.trusted = None
         if not found.explained:
             episode.log("unknown", UNKNOWN)
@@ -396,7 +403,7 @@ class Explaining(Watching):
         if doubted:
             self.case.look_back()
             if not self.case.due and self.trusted is not None:  # what surprises it now is usual
-                self.quiet = self.episode.steps + thresholds.QUIET_ACTIONS
+                self.quiet = self.episode.steps + thresholds.CALIBRATION_ACTIONS
         usable = self.water.foreign or found.decided
         if not self.case.due or (self._believes_anew if doubted else usable):
             self.episode.think(self.case, found, began)

@@ -140,7 +140,7 @@ def recognise(
         onset=onset,
         start=start[:, 0],
         state=ended[:, 0],
-        explained=len(odd) <= max(1, int(used.sum()) // 3),
+        explained=len(odd) <= max(1.0, thresholds.MOST_ODD_SHARE * used.sum()),
         decided=search.decided(likeliest) and not odd and (something or fits),
         fits=fits,
         alternatives=search.alternatives(),
@@ -179,7 +179,7 @@ def with_sensors(
         & (gain > thresholds.BIAS_COST + 0.5 * np.log(count))
         & (mean**2 > thresholds.BIAS_RATIO**2 * around)
     )
-    biased |= plain & ~silent & (count >= thresholds.FEWEST_BIAS_OBSERVATIONS)
+    biased |= plain & ~silent & (count >= thresholds.CONFIRMING_OBSERVATIONS)
     faults = list[Fault]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
     heard = (
@@ -188,7 +188,7 @@ def with_sensors(
         & seen[:, GYRO_CHANNELS].any(axis=0)
     )
     gyro, size = errors[:, GYRO_CHANNELS][:, heard], int(seen[:, GYRO_CHANNELS][:, heard].sum())
-    if gyro.shape[1] >= 2 and size >= thresholds.FEWEST_NOISE_OBSERVATIONS * gyro.shape[1]:
+    if gyro.shape[1] >= 2 and size >= thresholds.CONFIRMING_OBSERVATIONS * gyro.shape[1]:
         power = np.square(gyro).sum()
         usual = np.hypot(expected, thresholds.TOLERATED_NOISE * tolerance)[GYRO_CHANNELS][heard]
         louder = power > np.square(usual).mean() * (size + thresholds.NOISE_EXCESS * size**0.5)

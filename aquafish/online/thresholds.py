@@ -25,7 +25,8 @@ LEAST_OBSERVATION_SD = 2e-4
 
 # Calibrating
 
-#: actions: how long the calibration takes
+#: actions: how long the calibration takes; for as long there is no alarm after one in foreign
+#: water, or after "unknown"
 CALIBRATION_ACTIONS = 50
 #: actions: when the water's kind is chosen
 WATER_ACTIONS = 25
@@ -43,18 +44,13 @@ FOREIGN_ERROR_SCALE = 100.0
 DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)
 #: units/s: standard deviation of a wandering current's change in an action
 WANDERING_SPEED = 0.01
-#: nats: minus the log prior of a current that wanders
-WANDERING_COST = 10.0
 #: factor: on the measured drift where a current wanders; in another place it may wander faster
 WANDERING_MARGIN = 2.0
 #: actions: after which a filter has forgotten its initial state, and its likelihood counts
 SETTLED_ACTIONS = 10
-#: actions: the last ones of a watched filter, in which something may have broken; not counted
-UNCOUNTED_ACTIONS = 5
-#: actions: length of an open-loop prediction, from which the model's drift is measured
+#: actions: length of an open-loop prediction, from which the model's drift is measured; half of it
+#: is from one to the next
 PREDICTED_ACTIONS = 10
-#: actions: from the start of an open-loop prediction to that of the next
-PREDICTION_INTERVAL = 5
 #: share: of the gyroscope's rms; if the drift is below, the model predicts in foreign water
 PREDICTED_SHARE = 0.3
 #: standard deviations: beyond which a single reading is ignored as a glitch
@@ -70,15 +66,8 @@ ALARM_PROBABILITY = 1e-7
 SURPRISE_MARGIN = 2.0
 #: factor: the same in foreign water
 FOREIGN_SURPRISE_MARGIN = 5.0
-#: actions: after an alarm in foreign water, and after "unknown", in which there is no other alarm
-QUIET_ACTIONS = 50
-#: actions: without a reading, after which a channel is reported
-SILENT_ACTIONS = 3
 #: actions: after which the whole robot may be watched during the calibration
 KNOWN_ACTIONS = 5
-#: actions: at most, from the surprise of the first filter of a calibration to that of the last; one
-#: whose current wanders takes a mild fault for a current at first
-SUSPICION_ACTIONS = 5
 #: observations: with which damage from the start is tried
 START_INFERENCES = (10, 15, 20, 30, 40)
 #: factor: on LEAST_OBSERVATION_SD; the drift that is assumed before it is measured
@@ -90,7 +79,8 @@ EARLY_DRIFT_RATIO = 5.0
 ACTIONS_BEFORE_ALARM = 2
 #: actions: the same if the gyroscope is the only sensor
 ACTIONS_BEFORE_GYRO_ALARM = 5
-#: actions: from a mild fault to its alarm, at most; they are looked at if nothing fitted
+#: actions: from a mild fault to its alarm, at most; looked at if nothing fitted, not counted in the
+#: calibration of a watched filter, and awaited until all filters are surprised
 LONGEST_DELAY_ACTIONS = 5
 #: actions: without any reading before an alarm, in which it may have broken, too
 OUTAGE_ACTIONS = 10
@@ -98,16 +88,10 @@ OUTAGE_ACTIONS = 10
 SETTLED_CASE_ACTIONS = 10
 #: actions: after an alarm, within which another one may mean that its fault was wrong
 REOPENED_ACTIONS = 25
-#: observations: fewest of an inference in foreign water
-FEWEST_FOREIGN_OBSERVATIONS = 3
 #: observations: most of an inference in foreign water, where predictions are good for seconds
 MOST_FOREIGN_OBSERVATIONS = 12
 #: observations: most of an inference where a current wanders
 MOST_WANDERING_OBSERVATIONS = 8
-#: actions: for which moments are remembered beyond the longest inference
-REMEMBERED_ACTIONS = 100
-#: number: of inferences of usual length, for whose thinking time moments are remembered
-MOST_INFERENCES = 40
 #: starts: of the simulation that one thinking time pays for
 CHARGED_STARTS = 3
 
@@ -143,7 +127,7 @@ THIRD_DESCENTS = (48, 24, 12, 8, 4, 4)
 NUMBER_DIFFERENCE = 0.01
 #: factor: on a Gauss-Newton step; the lengths that are tried
 STEP_LENGTHS = (0.1, 0.3, 0.6, 1.0)
-#: nats: minus the log prior of a current that begins
+#: nats: minus the log prior of a current that begins, or that wanders
 CURRENT_COST = 10.0
 #: units/s: difference of a current, over which a slope is measured
 CURRENT_DIFFERENCE = 0.02
@@ -156,22 +140,17 @@ CURRENT_PRECISION = 0.002
 
 #: 1 or rad/s: the least rms error of a broken channel
 CHANNEL_TOLERANCE = 0.02
-#: factor: on a channel's drift; the least rms error of a broken one
-DRIFT_RATIO = 3.0
-#: factor: on the gyroscope's noise; the least rms error of a broken channel of it
-NOISE_RATIO = 3.0
+#: factor: on a channel's drift, and on the gyroscope's noise; the least rms error of a broken one
+TOLERANCE_RATIO = 3.0
 #: nats: minus the log prior of a bias
 BIAS_COST = 4.0
 #: factor: from the expected error to the least bias below the tolerance
 BIAS_RATIO = 5.0
 #: share: of their mean; errors that deviate less from it are a bias
 BIAS_DEVIATION = 0.3
-#: observations: fewest that show a bias or a stuck channel
+#: observations: fewest that show a bias or a stuck channel, or anything in foreign water; a channel
+#: that misses as many readings is reported
 FEWEST_OBSERVATIONS = 3
-#: observations: fewest that show a bias below the tolerance
-FEWEST_BIAS_OBSERVATIONS = 8
-#: observations: fewest that show noise
-FEWEST_NOISE_OBSERVATIONS = 8
 #: correlation: of errors with those before; noise has less
 NOISE_CORRELATION = 0.4
 #: share: of a channel's tolerance; less error of the model does not count as noise
@@ -184,10 +163,12 @@ TOLERATED_NOISE = 0.25
 NOISE_EXCESS = 5.0
 #: factor: on the expected rms error; a true hypothesis leaves less
 FIT_MARGIN = 1.5
+#: share: of the channels; if more than one and than this are odd, nothing is explained
+MOST_ODD_SHARE = 1 / 3
 #: factor: by which broken fins must be likelier than a current, or nothing
 DECIDED_RATIO = 1000.0
-#: actions: after an alarm; what still fits then is trusted
-CONFIRMING_ACTIONS = 7
+#: observations: fewest that show noise, or a bias below the tolerance; what fits as many is trusted
+CONFIRMING_OBSERVATIONS = 8
 #: factor: on the model's error at each alarm after the first
 ERROR_GROWTH = 3.0
 #: units or 1: difference of sizes, and of gains, of robots that need no other gait
@@ -195,6 +176,8 @@ SAME_GAIT_DIFFERENCE = 0.05
 
 # Choosing a gait
 
+#: s: left of an episode, for which a gait is still refined, or chosen again in foreign water
+SHORTEST_SWIM_SECONDS = 2.0
 #: s: longest swim over which gaits are compared; a longer one does not end within the thinking time
 LONGEST_COMPARISON_SECONDS = 60.0
 #: number: of its own refined gaits, the latest, among which it chooses beside the library's
@@ -205,8 +188,6 @@ TEACHER_PHASES = 8
 CHOOSE_AGAIN_SECONDS = 3.0
 #: s: over which gaits are compared in foreign water
 AHEAD_SECONDS = 10.0
-#: s: left of an episode, for which another gait is still worth choosing in foreign water
-SHORTEST_AHEAD_SECONDS = 2.0
 #: share: of the way, which a change of gait must gain in foreign water
 LEAST_GAIN = 0.04
 #: units/s: the speed of a way of which that share is taken at least
@@ -214,8 +195,6 @@ SLOW_SPEED = 0.5
 
 # Refining a gait
 
-#: s: left of an episode, for which a gait is still refined
-SHORTEST_REFINEMENT_SECONDS = 2.0
 #: number: of nodes of a network that CMA-ES refines in a second, at most
 MAXIMUM_REFINED_NODES = 30
 #: number: of controllers in a generation

@@ -42,7 +42,7 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "gyroNoise": GYRO_NOISE,
         "noise": np.hypot(noise, thresholds.LEAST_OBSERVATION_SD).tolist(),
         "tolerance": np.maximum(
-            thresholds.CHANNEL_TOLERANCE, thresholds.NOISE_RATIO * noise
+            thresholds.CHANNEL_TOLERANCE, thresholds.TOLERANCE_RATIO * noise
         ).tolist(),
         "northing": FIELDS["position"].start + 1,
         "errors": ERROR_SIZE,
