@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from aquafish.cli import main
 from aquafish.online import AgentConfig, SelfModelAgent, choosing
-from aquafish.online.gaits import imagine, load_library
+from aquafish.online.gaits import imagine_gaits, load_library
 from aquafish.viewer.command import View
 from aquafish.viewer.live import (
     BELIEF_SAMPLES,
@@ -194,11 +194,11 @@ def test_the_self_model_chooses_gaits_for_20_s_however_long_it_swims(
 ) -> None:
     compared: list[float] = []
 
-    def imagine_gaits(*arguments: Any) -> Any:
-        compared.append(arguments[-1])
-        return imagine(*arguments)
+    def compare(gaits: Any, robot: Any, state: Any, seconds: float, previous: Any) -> Any:
+        compared.append(seconds)
+        return imagine_gaits(gaits, robot, state, seconds, previous)
 
-    monkeypatch.setattr(choosing, "imagine", imagine_gaits)
+    monkeypatch.setattr(choosing, "imagine_gaits", compare)
     quick = AgentConfig(GAIT_HORIZON_SECONDS, quick_generations=1, generations=1, refinements=1)
     agent = SelfModelAgent(config=quick, teachers=())
     live = LiveSwim(ViewerPilot(agent, agent.hold))
