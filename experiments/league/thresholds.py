@@ -47,7 +47,7 @@ EPISODES = (
     Episode(CHOOSING, "current begins", _ONE),
     Episode(CHOOSING, "three faults", _ONE, seconds=40.0),
     Episode(CHOOSING, "two channels", _ONE, seconds=40.0),
-    Episode(CHOOSING, "intermittent", _ONE, seconds=40.0),
+    Episode(CHOOSING, "intermittent", _ONE),
     Episode(CHOOSING, "thickness", _ONE, seconds=40.0),
     Episode("self-model", "severe", _TWO, seconds=36.0),
 )
