@@ -39,7 +39,7 @@ EPISODES = (
     Episode(CHOOSING, "severe", _TWO, seconds=40.0, sensing="imu"),
     Episode(CHOOSING, "severe", _ONE, seconds=40.0, sensing="gyroscope"),
     Episode(CHOOSING, "severe", _ONE, seconds=40.0, water="dense"),
-    Episode(CHOOSING, "severe", _TWO, seconds=40.0, water="vortices"),
+    Episode(CHOOSING, "severe", _ONE, seconds=40.0, water="vortices"),
     Episode(CHOOSING, "moderate", _ONE, seconds=40.0, water="reactive"),
     Episode(CHOOSING, "mild", _ONE, seconds=40.0),
     Episode(CHOOSING, "early", _ONE, seconds=20.0),
@@ -49,7 +49,7 @@ EPISODES = (
     Episode(CHOOSING, "two channels", _ONE, seconds=40.0),
     Episode(CHOOSING, "intermittent", _ONE),
     Episode(CHOOSING, "thickness", _ONE, seconds=40.0),
-    Episode("self-model", "severe", _TWO, seconds=36.0),
+    Episode("self-model", "severe", _ONE, seconds=36.0),
 )
 
 
