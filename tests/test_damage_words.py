@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED, searched_range
 from aquafish_gym.damage import TIERS, Chance, Damage, Fault, Tier
 from aquafish_gym.damage.words import (
     CHANNEL_WORDS,
@@ -82,9 +82,9 @@ def test_tiers_stay_within_the_grammar(tier: str) -> None:
 def test_recognition_searches_a_part_of_the_grammars_range(word: str) -> None:
     for fin in FINS:
         number = PARTS[fin][word]
-        assert needs_number(number) == (word in NUMBER_RANGES)
+        assert needs_number(number) == (word in NUMBERED)
         if needs_number(number):
-            low, high = NUMBER_RANGES[word]
+            low, high = searched_range(word)
             assert number.low < low < high <= number.high
             assert all(low <= first <= high for first in FIRST_NUMBERS[word])
             assert not low <= (number.neutral or 0.0) <= high

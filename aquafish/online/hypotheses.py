@@ -34,23 +34,23 @@ FIRST_NUMBERS: dict[str, tuple[float, ...]] = {
 }
 
 
-def _searched(number: Range) -> tuple[float, float]:
+#: The words that take a number, and its range in the grammar.
+NUMBERED: dict[str, Range] = {
+    word: number for word in FIRST_NUMBERS if needs_number(number := PARTS["caudal"][word])
+}
+
+
+def searched_range(word: str) -> tuple[float, float]:
     """Return in which part of a word's range its number is searched.
 
     A broken fin has less than a whole one, which a factor of 1 leaves whole. A factor of 0 is a fin
     that is missing or a servo that is seized, and a negative one a servo that is reversed.
     """
+    number = NUMBERED[word]
     low = max(number.low, 0.0) + thresholds.NUMBER_MARGIN
     high = min(number.high, 1.0)
     return low, high - thresholds.NUMBER_MARGIN if number.neutral == 1.0 else high
 
-
-#: Of the words that take a number.
-NUMBER_RANGES = {
-    word: _searched(number)
-    for word in FIRST_NUMBERS
-    if needs_number(number := PARTS["caudal"][word])
-}
 
 FinFaults = tuple[tuple[str, str], ...]  # pairs of a fin and a word
 
@@ -69,9 +69,9 @@ class DamageGrid(NamedTuple):
         """Return the damages whose numbers lie about those of the first one."""
         axes = [
             np.unique(
-                np.clip(number + spacing * np.array(thresholds.STENCIL), *NUMBER_RANGES[word])
+                np.clip(number + spacing * np.array(thresholds.STENCIL), *searched_range(word))
             ).tolist()
-            if word in NUMBER_RANGES
+            if word in NUMBERED
             else [number]
             for (_, word), number in zip(self.words, self.numbers[0].tolist(), strict=True)
         ]
@@ -80,14 +80,14 @@ class DamageGrid(NamedTuple):
     @property
     def free(self) -> list[int]:
         """Which of the k numbers may vary."""
-        return [i for i, (_, word) in enumerate(self.words) if word in NUMBER_RANGES]
+        return [i for i, (_, word) in enumerate(self.words) if word in NUMBERED]
 
     def beside(self, difference: float) -> DamageGrid:
         """Return the first damage, and it with one number after the other changed a little."""
         free = self.free
         numbers = np.repeat(self.numbers[:1], 1 + len(free), axis=0)
         for row, i in enumerate(free, start=1):
-            high = NUMBER_RANGES[self.words[i][1]][1]
+            high = searched_range(self.words[i][1])[1]
             numbers[row, i] += difference if numbers[0, i] + difference <= high else -difference
         return self._replace(numbers=numbers)
 
@@ -95,7 +95,7 @@ class DamageGrid(NamedTuple):
         """Return the first damage, and it after a step (k,) of its numbers times each length."""
         numbers = self.numbers[0] + np.outer((0.0, *lengths), step)
         for i in self.free:
-            numbers[:, i] = numbers[:, i].clip(*NUMBER_RANGES[self.words[i][1]])
+            numbers[:, i] = numbers[:, i].clip(*searched_range(self.words[i][1]))
         return self._replace(numbers=numbers)
 
     def with_another(self) -> list[DamageGrid]:
@@ -120,7 +120,7 @@ class DamageGrid(NamedTuple):
         """Return the first one."""
         return Damage(
             tuple(
-                Fault(fin, word, number if word in NUMBER_RANGES else None)
+                Fault(fin, word, number if word in NUMBERED else None)
                 for (fin, word), number in zip(self.words, self.numbers[0].tolist(), strict=True)
             )
         )

@@ -9,7 +9,7 @@ import numpy as np
 from aquafish.online import AgentConfig, thresholds
 from aquafish.online.belief import chance_bound
 from aquafish.online.gaits import load_library
-from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES, all_hypotheses
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED, all_hypotheses, searched_range
 from aquafish.online.self_model import ERROR_SIZE
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage.breaking import break_part
@@ -59,9 +59,11 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         "reach": ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist(),
         "effects": {fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in FINS},
         "singles": singles(),
-        "numberRanges": {word: NUMBER_RANGES.get(word, (0.0, 0.0)) for word in FIRST_NUMBERS},
+        "numberRanges": {
+            word: searched_range(word) if word in NUMBERED else (0.0, 0.0) for word in FIRST_NUMBERS
+        },
         "costs": {
-            word: thresholds.WORD_COST + thresholds.NUMBER_COST * (word in NUMBER_RANGES)
+            word: thresholds.WORD_COST + thresholds.NUMBER_COST * (word in NUMBERED)
             for word in FIRST_NUMBERS
         },
         # It begins at rest, in water whose current it knows.

@@ -29,7 +29,7 @@ from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
 from experiments.league.episodes import Episode, episode_numbers, play
 from experiments.league.statistics import after_onset
-from experiments.tables import do_table
+from experiments.tables import do_table, markdown
 
 CHOOSING = "self-model, library only"
 FACTORS = (0.5, 2.0)
@@ -80,6 +80,18 @@ def documented() -> list[Threshold]:
             unit, _, decides = about.partition(": ")
             found.append(Threshold(group, match["name"], unit, decides))
     return found
+
+
+def meanings() -> str:
+    """Return the table of all thresholds in groups, as in ``docs/results/league``."""
+    rows = [["threshold", "value", "unit", "decides"]]
+    group = ""
+    for one in documented():
+        if one.group != group:
+            group = one.group
+            rows.append([f"**{group}**", "", "", ""])
+        rows.append([f"`{one.name}`", number_text(one.value), one.unit, one.decides])
+    return markdown(rows).replace("---:", "---")  # all text
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -164,14 +176,14 @@ class Thresholds:
             ]
             for job, result in zip(jobs[1:], played, strict=True)
         }
-        head = ["threshold", "value", "unit"]
+        head = ["threshold"]
         for factor in self.factors:
             head += [f"way x {factor:g}, units", f"changed of {len(EPISODES)} x {factor:g}"]
         rows = [head]
         for one in documented():
             if one.name in self.names:
                 found = [cell for f in self.factors for cell in cells[Pass(one.name, f)]]
-                rows.append([f"`{one.name}`", number_text(one.value), one.unit, *found])
+                rows.append([f"`{one.name}`", *found])
         return rows
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
-from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBER_RANGES
+from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED
 from aquafish.online.self_model import moved, state_errors
 from aquafish.page.facts import GYRO_NOISE, effects
 from aquafish.page.program import move, place_fish, program, state_error
@@ -71,7 +71,7 @@ def random_faults(count: int, seed: int = 38) -> list[Fault]:
     found = []
     for _ in range(count):
         word = list(FIRST_NUMBERS)[rng.integers(len(FIRST_NUMBERS))]
-        number = round(float(rng.uniform(0.1, 0.9)), 3) if word in NUMBER_RANGES else None
+        number = round(float(rng.uniform(0.1, 0.9)), 3) if word in NUMBERED else None
         found.append(Fault(FINS[rng.integers(len(FINS))], word, number))
     return found
 
@@ -99,7 +99,7 @@ def episode(
 @pytest.mark.parametrize("word", FIRST_NUMBERS)
 @pytest.mark.parametrize("fin", FINS)
 def test_a_word_does_to_a_robot_what_the_grammar_says(fin: str, word: str) -> None:
-    number = 0.37 if word in NUMBER_RANGES else None
+    number = 0.37 if word in NUMBERED else None
     robot = Damage((Fault(fin, word, number),)).edit(Scenario.create())
     values = np.concatenate([Morphology.nominal().to_array(), np.ones(3)])
     for i, a, b, c, d in effects(fin, word):

@@ -16,6 +16,7 @@ import instruments.__main__
 from aquafish_gym.runs.command_line import run_command_line
 from experiments.gaits.ceiling import Ceiling
 from experiments.league.command import League
+from experiments.league.thresholds import Thresholds
 from experiments.reality_gap.command import Gap
 from experiments.scores.command import Scores
 
@@ -30,6 +31,7 @@ BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 EXPERIMENTS = {
     "python examples/recovery_league.py": League,
     "python -m experiments.gaits": Ceiling,
+    "python -m experiments.league.thresholds": Thresholds,
     "python -m experiments.reality_gap": Gap,
     "python -m experiments.scores": Scores,
 }

@@ -10,9 +10,10 @@ import pytest
 from aquafish.online import thresholds
 from experiments.league import thresholds as instrument
 from experiments.league.episodes import Episode
-from experiments.league.thresholds import Pass, Thresholds, documented, play_pass, scaled
+from experiments.league.thresholds import Pass, Thresholds, documented, meanings, play_pass, scaled
 from tests.in_process import jobs_in_process
 
+RESULTS = Path(__file__).parents[2] / "docs" / "results" / "league"
 SHORT = (Episode("self-model, library only", "none", 60_900, seconds=12.0),)
 
 
@@ -23,6 +24,16 @@ def test_each_threshold_has_a_unit_and_a_meaning() -> None:
         assert one.group
         assert one.unit
         assert one.decides
+
+
+def test_the_page_has_the_table_of_the_code() -> None:
+    text = (RESULTS / "thresholds.md").read_text()
+    assert text == meanings(), "write experiments.league.thresholds.meanings() there"
+
+
+def test_the_page_says_what_thresholds_of_the_code_are_worth() -> None:
+    rows = (RESULTS / "thresholds-worth.md").read_text().splitlines()[2:]
+    assert {row.split("`")[1] for row in rows} <= {one.name for one in documented()}
 
 
 def test_a_tuple_or_an_array_is_scaled_in_all_its_numbers_and_a_count_is_at_least_one() -> None:
@@ -52,4 +63,4 @@ def test_the_table_says_what_changes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(instrument, "EPISODES", SHORT)
     Thresholds(out=tmp_path, names=("OUTAGE_ACTIONS",), factors=(2.0,), workers=1).execute()
     rows = (tmp_path / "table.md").read_text().splitlines()
-    assert rows[2:] == ["| `OUTAGE_ACTIONS` | 10 | actions | +0.00 | 0 |"]
+    assert rows[2:] == ["| `OUTAGE_ACTIONS` | +0.00 | 0 |"]
