@@ -60,7 +60,7 @@ class Search(NamedTuple):
 
     strategy: Any  #: Of pycma.
     generations: int
-    mean_every: int  #: The mean of the strategy swims, too, once in so many generations.
+    mean_every: int  #: The mean of the strategy swims, too, once in this number of generations.
 
 
 class Swimmer(Protocol):
