@@ -154,59 +154,57 @@ class Search:
         return self._narrow(chosen)
 
     def third(self) -> Candidate:
-        """Return the best of the best pairs with a third fault; after :meth:`pairs`."""
+        """Return the best of the best pairs with a third fault; after :meth:`pairs`.
+
+        The pairs are those of the robot before and the onset of the best of all.
+        """
         until = thresholds.COMPARED_ACTIONS + len(self._states)
-        ends = []
-        for case in np.argsort(self._first.min(axis=1), kind="stable")[
-            : thresholds.THIRD_CASES
-        ].tolist():
-            b, onset = self.cases[case]
-            pairs: dict[FinFaults, DamageGrid] = {}
-            for number in np.argsort(self._first[case], kind="stable").tolist():
-                grid, row = self._each[number]
-                if len(grid.words) == 2 and grid.words not in pairs:
-                    pairs[grid.words] = grid.row(row)
-                if len(pairs) == thresholds.THIRD_PAIRS:
-                    break
-            grids = [more for pair in pairs.values() for more in pair.with_another()]
-            robots = broken(self._before[b], grids)
-            costs = self._costs(robots, case, self._states[onset], until) + _priors(grids)
-            ends += [
-                Candidate(float(part.min()), case, grid.row(int(part.argmin())))
-                for part, grid in zip(_parted(costs, grids), grids, strict=True)
-            ]
+        case = int(self._first.min(axis=1).argmin())
+        b, onset = self.cases[case]
+        pairs: dict[FinFaults, DamageGrid] = {}
+        for number in np.argsort(self._first[case], kind="stable").tolist():
+            grid, row = self._each[number]
+            if len(grid.words) == 2 and grid.words not in pairs:
+                pairs[grid.words] = grid.row(row)
+            if len(pairs) == thresholds.THIRD_PAIRS:
+                break
+        grids = [more for pair in pairs.values() for more in pair.with_another()]
+        robots = broken(self._before[b], grids)
+        costs = self._costs(robots, case, self._states[onset], until) + _priors(grids)
+        ends = [
+            Candidate(float(part.min()), case, grid.row(int(part.argmin())))
+            for part, grid in zip(_parted(costs, grids), grids, strict=True)
+        ]
         ends.sort(key=cost_of)
-        several: dict[tuple[int, frozenset[tuple[str, str]]], Candidate] = {}
+        several: dict[frozenset[tuple[str, str]], Candidate] = {}
         for end in ends:  # the same words come in different orders
-            several.setdefault((end.case, frozenset(end.grid.words)), end)
+            several.setdefault(frozenset(end.grid.words), end)
         ends = list(several.values())
         for count in thresholds.THIRD_DESCENTS:
-            ends = sorted(self._descend(ends[:count]), key=cost_of)
+            grids = [end.grid for end in ends[:count]]
+            ends = sorted(self._descend(case, grids), key=cost_of)
         for end in ends:
             words = end.grid.words
             self.best[words] = min(end, self.best.get(words, end), key=cost_of)
         return ends[0]
 
-    def _descend(self, ends: list[Candidate]) -> list[Candidate]:
+    def _descend(self, case: int, grids: list[DamageGrid]) -> list[Candidate]:
         """Return hypotheses after a Gauss-Newton step of their numbers, each where that helps."""
-        found = []
-        for case in sorted({end.case for end in ends}):
-            b, onset = self.cases[case]
-            start = self._states[onset]
-            grids = [end.grid for end in ends if end.case == case]
-            tried = [grid.beside(thresholds.NUMBER_DIFFERENCE) for grid in grids]
-            predicted = self._predict(broken(self._before[b], tried), case, start)
-            ahead = []
-            for grid, near, seen in zip(grids, tried, _parted(predicted, tried), strict=True):
-                moved = (near.numbers[1:] - near.numbers[0]).sum(axis=1)
-                step = np.zeros(grid.numbers.shape[1])
-                step[grid.free] = self._gauss_newton(case, seen, moved)
-                ahead.append(grid.along(step, thresholds.STEP_LENGTHS))
-            costs = self._costs(broken(self._before[b], ahead), case, start) + _priors(ahead)
-            for grid, part in zip(ahead, _parted(costs, ahead), strict=True):
-                best = int(part.argmin())
-                found.append(Candidate(float(part[best]), case, grid.row(best)))
-        return found
+        b, onset = self.cases[case]
+        start = self._states[onset]
+        tried = [grid.beside(thresholds.NUMBER_DIFFERENCE) for grid in grids]
+        predicted = self._predict(broken(self._before[b], tried), case, start)
+        ahead = []
+        for grid, near, seen in zip(grids, tried, _parted(predicted, tried), strict=True):
+            moved = (near.numbers[1:] - near.numbers[0]).sum(axis=1)
+            step = np.zeros(grid.numbers.shape[1])
+            step[grid.free] = self._gauss_newton(case, seen, moved)
+            ahead.append(grid.along(step, thresholds.STEP_LENGTHS))
+        costs = self._costs(broken(self._before[b], ahead), case, start) + _priors(ahead)
+        return [
+            Candidate(float(part.min()), case, grid.row(int(part.argmin())))
+            for grid, part in zip(ahead, _parted(costs, ahead), strict=True)
+        ]
 
     def _gauss_newton(self, case: int, predicted: Floats, moved: Floats) -> Floats:
         """Return a Gauss-Newton step (k,) of the parameters of a hypothesis.

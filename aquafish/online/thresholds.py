@@ -119,8 +119,6 @@ FIRST_SPACING = 0.12
 SPACING_RATIO = 2.6
 #: number: of pairs of words to which a third fault is added
 THIRD_PAIRS = 24
-#: number: of robots before and onsets, of which those pairs are
-THIRD_CASES = 2
 #: number: of hypotheses of three faults that take a first, second ... Gauss-Newton step
 THIRD_DESCENTS = (48, 24, 12, 8, 4, 4)
 #: 1: difference of a number, over which a slope is measured
