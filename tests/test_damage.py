@@ -395,7 +395,11 @@ def test_tier_samples_follow_its_table(tier: str) -> None:
 
 def test_held_out_damages_never_change() -> None:
     """Numbers may be added: the hash is of those that were published first."""
-    first = {name: [*damages.items()][:300] for name, damages in lists().items()}
+    fewer = ("thickness", "too strong", "four faults", "two channels", "growing", "intermittent")
+    first = {
+        name: [*damages.items()][: 200 if name in fewer else 300]
+        for name, damages in lists().items()
+    }
     text = json.dumps([(name, first[name]) for name in sorted(first)])
     assert len(first) == 26
     assert hashlib.sha256(text.encode()).hexdigest()[:16] == "251c80e5b24c6f5a"
