@@ -73,6 +73,8 @@ class Case:
     #: Whether it may also have broken just after the alarm: a lost sensor is observed at the end of
     #: an action, and a fin that broke with it moves the robot from the next one on.
     later: bool = False
+    #: Whether all sizes and servo gains are fitted at once where no hypothesis fits.
+    identifies: bool = False
 
     def settled(self, step: int) -> bool:
         """Whether an alarm at a step means another fault rather than a wrong belief."""
@@ -127,7 +129,12 @@ class Case:
         tolerance[GYRO_CHANNELS] = np.maximum(
             tolerance[GYRO_CHANNELS], thresholds.TOLERANCE_RATIO * gyro_noise
         )
-        found = recognise(self.before, states, observed, actions, drift, tolerance, hold)
+        since = len(moments) - (self.step - 1 - self.first)  # the alarm
+        readings = since * int(np.isfinite(noise_of(self.before[-1])).sum())
+        identifies = self.identifies and readings >= thresholds.IDENTIFIED_READINGS
+        found = recognise(
+            self.before, states, observed, actions, drift, tolerance, hold, identifies
+        )
         # The robot has all of them; what is said of it has the latest.
         faults = self.broken[found.before].faults + found.damage.faults
         damage = Damage(faults[-MAXIMUM_FAULTS:])
@@ -140,6 +147,7 @@ def open_case(
     back: int,
     due: list[int],
     recent: Case | None,
+    identifies: bool,
 ) -> Case:
     """Return the case of an alarm at the last of some moments.
 
@@ -155,6 +163,8 @@ def open_case(
         Numbers of observations with which to infer.
     recent
         The case of the first of the alarms before, if any; it is reopened if its fault is believed.
+    identifies
+        Whether all sizes and servo gains are fitted at once where no hypothesis fits.
     """
     robots = [robot for robot, _ in beliefs]
     used = np.isfinite(noise_of(robots[0]))
@@ -165,7 +175,7 @@ def open_case(
         if np.isfinite(moment.observed[used]).any():
             break
         first -= 1
-    case = Case(step, robots, [broken for _, broken in beliefs], first, due)
+    case = Case(step, robots, [broken for _, broken in beliefs], first, due, identifies=identifies)
     believed = recent is not None and recent.before[0] is not robots[0]
     if recent is not None and believed and step - recent.step <= thresholds.REOPENED_ACTIONS:
         case.earlier = recent

@@ -120,7 +120,7 @@ class DamageGrid(NamedTuple):
         """Return the first one."""
         return Damage(
             tuple(
-                Fault(fin, word, number if word in NUMBERED else None)
+                Fault(fin, word, number if needs_number(PARTS[fin][word]) else None)
                 for (fin, word), number in zip(self.words, self.numbers[0].tolist(), strict=True)
             )
         )
@@ -136,10 +136,11 @@ def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
     """Return the robots that all damages of grids make of one, side by side."""
     ends = np.cumsum([len(grid.numbers) for grid in grids]).tolist()
     robots = robot.take(np.zeros(ends[-1], np.intp))
+    columns = robots.columns()
     for grid, end in zip(grids, ends, strict=True):
         rows = slice(end - len(grid.numbers), end)
         for (fin, word), number in zip(grid.words, grid.numbers.T, strict=True):
-            break_part(robots.columns(), rows, fin, word, number)
+            break_part(columns, rows, fin, word, number)
     return robots
 
 

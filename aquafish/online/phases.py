@@ -69,11 +69,12 @@ class Episode:
     def remembered(self, begun: Sequence[Moment] = ()) -> Moments:
         """Return moments of which as many are kept as an explanation may need.
 
-        It may be that of two alarms, each of which the robot may have been broken or whole before.
+        It may be that of two alarms, each of which the robot may have been broken or whole before,
+        and take the time of two inferences; see :meth:`think`.
         """
         config = self.config
         starts = actions_before_alarm(config.gyro_only) + thresholds.OUTAGE_ACTIONS + 2
-        inferences = 2 * math.ceil(2 * starts / thresholds.CHARGED_STARTS)
+        inferences = 2 * 2 * math.ceil(2 * starts / thresholds.CHARGED_STARTS)
         thinking = thinking_actions(inferences * config.inference_seconds, self.dt)
         longest = max(thresholds.CALIBRATION_ACTIONS, *config.inferences)
         return Moments(longest + thresholds.REOPENED_ACTIONS + starts + thinking, begun)
@@ -100,8 +101,11 @@ class Episode:
         return case.explain(moments, drift, self.config.gyro_noise, self.hold)
 
     def think(self, case: Case, found: Recognised, began: float) -> None:
-        """Let an inference, which ``began`` at a CPU time, be used after the time for thinking."""
-        seconds = case.inferences * self.config.inference_seconds
+        """Let an inference, which ``began`` at a CPU time, be used after the time for thinking.
+
+        A fit of all sizes and gains takes the time of another inference.
+        """
+        seconds = case.inferences * self.config.inference_seconds * (1 + found.identified)
         due = self.steps + thinking_actions(seconds, self.dt)
         cpu = time.process_time() - began
         event = Event(self.steps * self.dt, "inferred", found.about, cpu)
@@ -301,7 +305,8 @@ class Watching:
         if belief.model.robot is not belief.intact:  # what broke may have ended
             beliefs.append((belief.intact, Damage()))
         back = 0 if exact else actions_before_alarm(config.gyro_only)
-        case = open_case(beliefs, episode.moments, back, due or [1], self.first_case)
+        identifies = not (self.water.foreign or self.water.wandering)
+        case = open_case(beliefs, episode.moments, back, due or [1], self.first_case, identifies)
         if case.earlier is None:
             self.first_case = case
         episode.log("alarm", SURPRISE)

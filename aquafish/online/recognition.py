@@ -13,7 +13,8 @@ import numpy as np
 
 from aquafish.online import thresholds
 from aquafish.online.hypotheses import broken
-from aquafish.online.search import Alternative, Search, leaves_noise
+from aquafish.online.identification import identify
+from aquafish.online.search import Alternative, Candidate, Search, leaves_noise
 from aquafish.online.self_model import SENSOR_FIELDS, noise_of, predict
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, Scenario
@@ -49,6 +50,8 @@ class Recognised:
         Whether the errors that it leaves are as small as chance allows.
     alternatives
         The best damages of different words, the likeliest first.
+    identified
+        Whether all sizes and servo gains were fitted at once, since no hypothesis fits.
     """
 
     damage: Damage
@@ -64,6 +67,7 @@ class Recognised:
     decided: bool
     fits: bool
     alternatives: tuple[Alternative, ...] = ()
+    identified: bool = False
 
     @property
     def whole(self) -> bool:
@@ -95,6 +99,7 @@ def recognise(
     drift: Floats,
     tolerance: Floats,
     hold: int = 20,
+    identifies: bool = False,
 ) -> Recognised:
     """Return what explains K observations best.
 
@@ -114,21 +119,34 @@ def recognise(
         (9,) the rms error from which on a channel is taken to be broken.
     hold
         For how many steps of 0.01 s an action is held.
+    identifies
+        Whether all sizes and servo gains are fitted at once where no hypothesis fits.
     """
     search = Search(before, states, observed, actions, drift, hold)
-    likeliest = search.best_candidate()
+    found = _recognised(search, search.best_candidate(), tolerance)
+    if identifies and not found.fits:
+        other = _recognised(search, identify(search), tolerance)
+        found = replace(other if other.fits else found, identified=True)
+    return found
+
+
+def _recognised(search: Search, likeliest: Candidate, tolerance: Floats) -> Recognised:
+    """Return a hypothesis about fins and current with the faults of sensors that it leaves."""
+    before = search.before
+    observed = search.observed
     b, onset = search.cases[likeliest.case]
     damage = likeliest.grid.damage()
     robot = broken(before[b], [likeliest.grid])
     robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSOR_FIELDS})
     start = search.starts(likeliest.case, np.array([likeliest.current or np.zeros(3)]))
-    predicted, ended = predict(robot, start, actions[onset:], hold)
+    predicted, ended = predict(robot, start, search.actions[onset:], search.hold)
     used = np.isfinite(search.noise) & np.isfinite(observed).any(axis=0)
     errors = np.where(used, observed[onset:] - predicted[0], 0.0)
     silent = search.silent & used
     robot, sensors, odd = with_sensors(robot, errors, silent, search.zero, search.noise, tolerance)
     left = observed[onset:] - predicted[0] - robot.sensor_bias[0]
-    fits = not odd and leaves_noise(left, thresholds.FIT_MARGIN * np.hypot(noise_of(robot), drift))
+    noise = np.hypot(noise_of(robot), search.drift)
+    fits = not odd and leaves_noise(left, thresholds.FIT_MARGIN * noise)
     something = bool(damage or likeliest.current or sensors or odd)
     return Recognised(
         damage=damage,

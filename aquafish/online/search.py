@@ -69,11 +69,12 @@ class Search:
         drift: Floats,
         hold: int,
     ) -> None:
-        self._before = before
-        self._states = states
-        self._observed = observed
-        self._actions = actions
-        self._hold = hold
+        self.before = before
+        self.states = states
+        self.observed = observed
+        self.actions = actions
+        self.drift = drift
+        self.hold = hold
         self.noise = np.hypot(noise_of(before[-1]), drift)
         self.silent, self.zero = repeated_channels(observed)
         self._counted = np.where(self.silent, np.inf, self.noise)
@@ -82,36 +83,34 @@ class Search:
         # Until a later onset the robot was as before.
         self._earlier = [0.0] * len(states)
         self._earlier = [
-            float(self._costs(before[0], 0, states[0], k)[0]) if k else 0.0
+            float(self.costs(before[0], 0, states[0], k)[0]) if k else 0.0
             for k in range(len(states))
         ]
 
-    def _costs(
-        self, robots: Scenario, case: int, start: Floats, until: int | None = None
-    ) -> Floats:
+    def costs(self, robots: Scenario, case: int, start: Floats, until: int | None = None) -> Floats:
         """Return minus the log likelihoods (N,) of robots that begin in states (25, N) or (25,)."""
         b, onset = self.cases[case]
-        seen = self._observed[onset:until] - self._before[b].sensor_bias[0]
-        predicted = self._predict(robots, case, start, until)
+        seen = self.observed[onset:until] - self.before[b].sensor_bias[0]
+        predicted = self.predict(robots, case, start, until)
         return mismatch(predicted, seen, self._counted) + self._earlier[onset]
 
-    def _predict(
+    def predict(
         self, robots: Scenario, case: int, start: Floats, until: int | None = None
     ) -> Floats:
         """Return what robots (N) of a case would observe, (N, K, 9)."""
-        actions = self._actions[self.cases[case][1] : until]
-        return predict(robots, start, actions, self._hold)[0]
+        actions = self.actions[self.cases[case][1] : until]
+        return predict(robots, start, actions, self.hold)[0]
 
     def starts(self, case: int, currents: Floats) -> Floats:
         """Return the states (25, N) of a case in which water has begun to flow with (N, 3)."""
-        starts = np.repeat(self._states[self.cases[case][1]][:, None], len(currents), axis=1)
+        starts = np.repeat(self.states[self.cases[case][1]][:, None], len(currents), axis=1)
         starts[FIELDS["velocity"]] -= currents.T
         return starts
 
     def best_candidate(self) -> Candidate:
         """Return the likeliest hypothesis; a third fault only if two leave more than noise."""
         found = min(self.pairs(), self.currents(), key=cost_of)
-        if len(found.grid.words) > 1 and not self._fits(found):
+        if len(found.grid.words) > 1 and not self.fits(found):
             found = min(found, self.third(), key=cost_of)
         return found
 
@@ -123,24 +122,24 @@ class Search:
         least = math.log(thresholds.DECIDED_RATIO)
         return not candidate.grid.words or self.best[()].cost - candidate.cost > least
 
-    def _fits(self, candidate: Candidate) -> bool:
+    def fits(self, candidate: Candidate) -> bool:
         """Return whether the errors that a hypothesis leaves are as small as chance allows."""
         b, onset = self.cases[candidate.case]
         start = self.starts(candidate.case, np.array([candidate.current or np.zeros(3)]))
-        robot = broken(self._before[b], [candidate.grid])
-        errors = self._observed[onset:] - self._before[b].sensor_bias[0]
-        errors = errors - self._predict(robot, candidate.case, start)[0]
+        robot = broken(self.before[b], [candidate.grid])
+        errors = self.observed[onset:] - self.before[b].sensor_bias[0]
+        errors = errors - self.predict(robot, candidate.case, start)[0]
         return leaves_noise(errors, self._counted)
 
     def pairs(self) -> Candidate:
         """Return the best of all single faults and pairs."""
         everything = all_hypotheses()
         prior = _priors(everything)
-        banks = [broken(robot, everything) for robot in self._before]
-        until = thresholds.COMPARED_ACTIONS + len(self._states)
+        banks = [broken(robot, everything) for robot in self.before]
+        until = thresholds.COMPARED_ACTIONS + len(self.states)
         self._first = np.array(
             [
-                self._costs(banks[b], case, self._states[onset], until) + prior
+                self.costs(banks[b], case, self.states[onset], until) + prior
                 for case, (b, onset) in enumerate(self.cases)
             ]
         )
@@ -158,7 +157,7 @@ class Search:
 
         The pairs are those of the robot before and the onset of the best of all.
         """
-        until = thresholds.COMPARED_ACTIONS + len(self._states)
+        until = thresholds.COMPARED_ACTIONS + len(self.states)
         case = int(self._first.min(axis=1).argmin())
         b, onset = self.cases[case]
         pairs: dict[FinFaults, DamageGrid] = {}
@@ -169,8 +168,8 @@ class Search:
             if len(pairs) == thresholds.THIRD_PAIRS:
                 break
         grids = [more for pair in pairs.values() for more in pair.with_another()]
-        robots = broken(self._before[b], grids)
-        costs = self._costs(robots, case, self._states[onset], until) + _priors(grids)
+        robots = broken(self.before[b], grids)
+        costs = self.costs(robots, case, self.states[onset], until) + _priors(grids)
         ends = [
             Candidate(float(part.min()), case, grid.row(int(part.argmin())))
             for part, grid in zip(_parted(costs, grids), grids, strict=True)
@@ -191,38 +190,43 @@ class Search:
     def _descend(self, case: int, grids: list[DamageGrid]) -> list[Candidate]:
         """Return hypotheses after a Gauss-Newton step of their numbers, each where that helps."""
         b, onset = self.cases[case]
-        start = self._states[onset]
+        start = self.states[onset]
         tried = [grid.beside(thresholds.NUMBER_DIFFERENCE) for grid in grids]
-        predicted = self._predict(broken(self._before[b], tried), case, start)
+        predicted = self.predict(broken(self.before[b], tried), case, start)
         ahead = []
         for grid, near, seen in zip(grids, tried, _parted(predicted, tried), strict=True):
             moved = (near.numbers[1:] - near.numbers[0]).sum(axis=1)
             step = np.zeros(grid.numbers.shape[1])
             step[grid.free] = self._gauss_newton(case, seen, moved)
             ahead.append(grid.along(step, thresholds.STEP_LENGTHS))
-        costs = self._costs(broken(self._before[b], ahead), case, start) + _priors(ahead)
+        costs = self.costs(broken(self.before[b], ahead), case, start) + _priors(ahead)
         return [
             Candidate(float(part.min()), case, grid.row(int(part.argmin())))
             for grid, part in zip(ahead, _parted(costs, ahead), strict=True)
         ]
 
     def _gauss_newton(self, case: int, predicted: Floats, moved: Floats) -> Floats:
-        """Return a Gauss-Newton step (k,) of the parameters of a hypothesis.
+        """Return a Gauss-Newton step (k,) of the parameters of a hypothesis; see ``linearize``."""
+        slopes, errors = self.linearize(case, predicted, moved)
+        return np.asarray(np.linalg.lstsq(slopes.T, errors, rcond=1e-6)[0], np.float64)
 
-        ``predicted`` (1 + k, K, 9) is what it predicts, and with each parameter ``moved`` (k,).
-        Channels are weighted by what they leave unexplained, as in :func:`mismatch`.
+    def linearize(self, case: int, predicted: Floats, moved: Floats) -> tuple[Floats, Floats]:
+        """Return the slopes (k, n) of a prediction, and its errors (n,), in standard deviations.
+
+        ``predicted`` (1 + k, K, 9) is what a hypothesis predicts, and with each parameter ``moved``
+        (k,). Channels are weighted by what they leave unexplained, as in :func:`mismatch`.
         """
         b, onset = self.cases[case]
-        errors = self._observed[onset:] - self._before[b].sensor_bias[0] - predicted[0]
+        until = onset + predicted.shape[1]
+        errors = self.observed[onset:until] - self.before[b].sensor_bias[0] - predicted[0]
         seen = np.isfinite(errors) & np.isfinite(self._counted)
         errors = np.where(seen, errors, 0.0)
         squares = np.square(errors).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
         scale = np.sqrt(self._counted**2 + thresholds.LEAST_OBSERVATION_SD**2 + squares)
         slopes = (predicted[1:] - predicted[0]) / moved[:, None, None]
-        slopes = np.where(seen, slopes / scale, 0.0).reshape(len(moved), errors.size)
-        errors = np.where(seen, errors / scale, 0.0).ravel()
-        step: Floats = np.linalg.lstsq(slopes.T, errors, rcond=1e-6)[0]
-        return step
+        slopes = np.where(seen, slopes / scale, 0.0)
+        errors = np.where(seen, errors / scale, 0.0)
+        return slopes.reshape(len(moved), errors.size), errors.ravel()
 
     def _narrow(self, chosen: list[tuple[int, DamageGrid]]) -> Candidate:
         """Narrow the numbers of pairs of a case and a damage; return the best."""
@@ -232,7 +236,7 @@ class Search:
             for case in sorted({case for case, _ in chosen}):
                 b, onset = self.cases[case]
                 tried = [one.around(spacing) for which, one in chosen if which == case]
-                values = self._costs(broken(self._before[b], tried), case, self._states[onset])
+                values = self.costs(broken(self.before[b], tried), case, self.states[onset])
                 for part, grid in zip(_parted(values, tried), tried, strict=True):
                     total = float(part.min()) + grid.prior_cost
                     ends.append(Candidate(total, case, grid.row(int(part.argmin()))))
@@ -254,14 +258,12 @@ class Search:
         lengths = np.array([0.0, *thresholds.STEP_LENGTHS])[:, None]
         for case, (b, _) in enumerate(self.cases):
             current = np.zeros(3)
-            robots = self._before[b].take(np.zeros(len(lengths), np.intp))
+            robots = self.before[b].take(np.zeros(len(lengths), np.intp))
             for _ in range(thresholds.CURRENT_DESCENTS):
                 starts = self.starts(case, current + near)
-                predicted = self._predict(robots.take(range(len(near))), case, starts)
+                predicted = self.predict(robots.take(range(len(near))), case, starts)
                 tried = current + lengths * self._gauss_newton(case, predicted, moved)
-                costs = (
-                    self._costs(robots, case, self.starts(case, tried)) + thresholds.CURRENT_COST
-                )
+                costs = self.costs(robots, case, self.starts(case, tried)) + thresholds.CURRENT_COST
                 best = tried[int(costs.argmin())]
                 done = np.abs(best - current).max() < thresholds.CURRENT_PRECISION
                 current = best
@@ -280,7 +282,7 @@ class Search:
         found = []
         for end, weight in zip(ends, weights, strict=True):
             damage = end.grid.damage()
-            before = self._before[self.cases[end.case][0]]
+            before = self.before[self.cases[end.case][0]]
             found.append(Alternative(damage, weight, broken(before, [end.grid])))
         return tuple(found)
 

@@ -134,6 +134,24 @@ CURRENT_DESCENTS = 6
 #: units/s: a shorter step is the last
 CURRENT_PRECISION = 0.002
 
+# Recognising: all sizes and servo gains at once
+
+#: readings: from an alarm on, fewest with which they are fitted; five observations of all channels
+IDENTIFIED_READINGS = 45
+#: 1: standard deviation of the prior of the logarithm of a factor on a size, and of a factor on a
+#: gain
+CHANGE_SD = 0.6
+#: factor: on the curvature's diagonal; Levenberg-Marquardt steps that are tried side by side
+DAMPINGS = (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)
+#: number: of steps, at most
+IDENTIFYING_STEPS = 30
+#: nats: a step that gains less is the last
+STEP_NATS = 0.3
+#: observations: after the last onset, that are fitted first, second ... and all in the end
+FIRST_IDENTIFIED = (3, 6, 10)
+#: number: of robots before and onsets, with which a fit goes on after the first
+IDENTIFIED_CASES = 2
+
 # Recognising: sensors
 
 #: 1 or rad/s: the least rms error of a broken channel

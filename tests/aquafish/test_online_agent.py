@@ -257,10 +257,21 @@ def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() 
     assert later.inferences == 3
 
 
-def test_what_none_of_its_words_says_is_unknown_and_changes_nothing() -> None:
+def test_what_none_of_its_words_says_is_fitted_as_all_sizes_and_gains() -> None:
     noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     damage = "gyro:noise=0.01; caudal:thickness=0.25@15; right_pectoral:thickness=2.6@15"
-    agent, _, _ = swim(damage, 120, noisy)
+    agent, info, _ = swim(damage, 100, noisy)
+    assert whats(agent)[1:4] == ["alarm", "inferred", "chose"]
+    assert agent.events[2].about.startswith("the right flipper has 260% of its thickness")
+    np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.01)
+    # An inference that fits all sizes at once is charged twice the time of another.
+    inferred, chose = agent.events[2:4]
+    assert chose.seconds - inferred.seconds == pytest.approx(1.2)
+
+
+def test_what_no_sizes_and_gains_explain_is_unknown_and_changes_nothing() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, _, _ = swim("gyro:noise=0.01; left_pectoral:hold=0.6@15", 120, noisy)
     assert whats(agent) == ["chose", "alarm", "inferred", "unknown"]
     np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
     np.testing.assert_array_equal(agent.model.robot.servo_gain, 1.0)

@@ -9,9 +9,12 @@ import pytest
 
 from aquafish.online.calibration import find_fins
 from aquafish.online.hypotheses import all_hypotheses, broken
+from aquafish.online.identification import identify
 from aquafish.online.recognition import recognise
+from aquafish.online.search import Search
 from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import Scenario
 
@@ -74,6 +77,51 @@ def test_three_faults_at_once_are_recognised(damage: str) -> None:
     assert found.decided
     np.testing.assert_allclose(found.robot.body, true.body, atol=0.02)
     np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "right_pectoral:weak=1.69; left_pectoral:width=1.96",
+        "caudal:thickness=0.25; right_pectoral:thickness=2.6",
+        "left_pectoral:width=0.5; left_pectoral:weak=0.6; caudal:length=0.5; caudal:weak=0.7",
+    ],
+    ids=["too strong", "thickness", "four faults"],
+)
+def test_what_no_hypothesis_says_is_fitted_as_all_sizes_and_gains(damage: str) -> None:
+    whole = replace(WHOLE, gyro_noise=np.array([0.01]))
+    case = [whole], [STATE], observe(damage, 0.01), STROKES, DRIFT, TOLERANCE
+    assert not recognise(*case).fits
+    found = recognise(*case, identifies=True)
+    assert found.fits
+    assert found.decided
+    assert found.identified
+    true = Damage.parse(damage).edit(WHOLE)
+    np.testing.assert_allclose(found.robot.body, true.body, atol=0.01)
+    np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.01)
+    assert str(found.alternatives[0].damage) == str(found.damage)
+
+
+def test_a_hypothesis_that_fits_is_kept_where_all_sizes_could_be_fitted() -> None:
+    whole = replace(WHOLE, gyro_noise=np.array([0.01]))
+    case = [whole], [STATE], observe("caudal:length=0.5", 0.01), STROKES, DRIFT, TOLERANCE
+    found = recognise(*case, identifies=True)
+    assert not found.identified
+    assert str(found.damage) == str(recognise(*case).damage)
+
+
+def test_a_fit_of_all_sizes_changes_no_fin_that_is_missing_and_exceeds_no_maximum() -> None:
+    body = WHOLE.body.copy()
+    body[0, :3] = 0.0
+    body[0, 6] = 0.5  # the largest
+    whole = replace(WHOLE, body=body, servo_gain=np.array([[0.5, 0.0, 1.9]]))
+    seen = observe("right_pectoral:entangled=1.0")
+    search = Search([whole], [STATE], seen, STROKES, DRIFT, 20)
+    robot = identify(search).grid.damage().edit(whole)
+    assert not robot.body[0, :3].any()
+    assert (robot.body <= MAXIMA).all()
+    assert robot.servo_gain[0, 1] == 0.0
+    assert (np.abs(robot.servo_gain) <= 2.0).all()
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.1, 0.0), (-0.2, 0.1, 0.2), (0.4, -0.3, 0.0)])
