@@ -163,7 +163,7 @@ class GaitChooser:
         far = imagine_gaits(gaits, model.robot, model.state, seconds, self.action)
         going_on = swim_ahead(self._swimming, model, 0, seconds).way
         about = f"to go on, which should make {going_on:.1f} units"
-        needed = least_gain * max(thresholds.SLOW_SPEED * seconds, abs(going_on))
+        needed = least_gain * abs(going_on)
         best = int(far.argmax())
         if far[best] > going_on + needed:
             about = f"{gaits[best].name}, which should make {far[best]:.1f} units"

@@ -206,8 +206,6 @@ CHOOSE_AGAIN_SECONDS = 3.0
 AHEAD_SECONDS = 10.0
 #: share: of the way, which a change of gait must gain in foreign water
 LEAST_GAIN = 0.04
-#: units/s: the speed of a way of which that share is taken at least
-SLOW_SPEED = 0.5
 
 # Refining a gait
 
