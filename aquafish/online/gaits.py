@@ -20,14 +20,14 @@ from aquafish.online.self_model import SENSOR_FIELDS, SelfModel, imu_readings
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, instance
 from gait.controllers.agents import ControllerAgent
-from gait.controllers.controller import Controller, program_of
+from gait.controllers.controller import Controller, check_controllers, program_of
 from gait.search.cma import FINALS_EVERY, REFINING, evolution_strategy
 from gait.search.templates import Template
 from gait.swims.poses import stream
@@ -269,7 +269,17 @@ def imagine(
 
     ``robot`` is a scenario of one, whose sensors count as whole. The controllers know its fin
     angles and servo gains.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If an argument does not fit.
     """
+    controllers = check_controllers(controllers)
+    if len(instance("robot", robot, Scenario)) != 1:
+        raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
+    state = finite_array("state", state, (STATE_ROWS,))
+    seconds = float(finite_array("seconds", seconds, (), TIMESTEP, unit="s"))
     sensors = {name: np.zeros_like(getattr(robot, name)) for name in SENSOR_FIELDS}
     whole = replace(robot, **sensors)
     seconds = round(seconds / TIMESTEP) * TIMESTEP

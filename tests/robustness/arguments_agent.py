@@ -64,8 +64,7 @@ ROWS = [
     Call(
         imagine,
         {"controllers": LIBRARY, "robot": ROBOT, "state": STATE, "seconds": 0.2},
-        options(seconds="fraction", controllers="empty list", state="none"),
-        {"state": "start"},
+        options(seconds="fraction", controllers="empty list"),
     ),
     Call(
         SelfModel,
