@@ -158,6 +158,10 @@ def test_every_word_has_a_phrase_and_no_other_has() -> None:
             "caudal:length=1.2;caudal:weak=0.404",
             "the tail has 120% of its length and turns at 40% of its speed",
         ),
+        (
+            "caudal:length=0.998;caudal:weak=0.003",
+            "the tail has 99.8% of its length and turns at 0.3% of its speed",
+        ),
         ("caudal:seized@6", "the tail is seized from 6 s on"),
         ("caudal:seized=0.5@0+2", "the tail is seized at 0.5 rad from 0 s for 2 s"),
         ("caudal:entangled=0.2", "the tail drags something along"),

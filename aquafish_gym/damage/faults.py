@@ -216,8 +216,11 @@ class Fault:
         wanted = words_of(self.part)[self.word]
         if self.number is None or wanted is None:
             return phrase.replace(" at #", "") + self._when
-        factor = wanted.neutral == 1.0
-        number = f"{self.number:.0%}" if factor else f"{self.number:.3g} {wanted.unit}".rstrip()
+        number = f"{self.number:.3g} {wanted.unit}".rstrip()
+        if wanted.neutral == 1.0:
+            number = f"{self.number:.0%}"
+            if number in ("0%", "100%") and self.number not in (0.0, 1.0):
+                number = f"{self.number:.1%}"  # it is not nothing, and not the whole
         return phrase.replace("#", number) + self._when
 
     @property
