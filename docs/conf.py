@@ -3,7 +3,6 @@
 import ast
 import pathlib
 import re
-import runpy
 
 from docutils import nodes
 from numpy.typing import ArrayLike
@@ -147,12 +146,9 @@ class LinkedNames(SphinxPostTransform):
 
 
 def add_page(app: Sphinx, error: Exception | None) -> None:
-    """Write the page in which the fish swims, and simulations, beside the documents."""
+    """Write the page in which the fish swims beside the documents."""
     if error is None and app.builder.format == "html":
-        out = pathlib.Path(app.outdir)
-        write_live_page(out / "fish.html")
-        answer = runpy.run_path(str(ROOT / "examples" / "answers" / "browser"))
-        answer["main"](out / "answers")
+        write_live_page(pathlib.Path(app.outdir) / "fish.html")
 
 
 def setup(app: Sphinx) -> None:

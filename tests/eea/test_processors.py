@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import json
 import os
-import runpy
+import platform
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "answers" / "same_bytes.py"
-EMULATIONS = runpy.run_path(str(SCRIPT))["emulations"]()
-KERNELS = [one for one in EMULATIONS.get("BLAS kernels", [{}]) if "MKL" not in str(one)]
+CORES = ("Nehalem", "Haswell")  # of OpenBLAS, which any x86-64 of the last ten years can run
 
 PROGRAM = """
 import json
@@ -49,18 +46,20 @@ print(json.dumps([inferred, [events, agent.model.robot.body.tolist(), info["y_po
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(
+    platform.machine() != "x86_64", reason="this machine cannot run kernels of x86-64"
+)
 def test_a_body_its_gait_and_an_agent_do_not_depend_on_the_processor() -> None:
     found = []
-    for kernels in KERNELS:
-        settings = kernels | {"OPENBLAS_NUM_THREADS": "1"}
+    for core in CORES:
+        settings = {"OPENBLAS_CORETYPE": core, "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(
             [sys.executable, "-c", PROGRAM], env=os.environ | settings, capture_output=True,
             text=True, check=True, timeout=600,
         )  # fmt: skip
         found.append(json.loads(done.stdout.splitlines()[-1]))
-    (inferred, swum), *others = found
-    for other, other_swum in others:
-        assert other[:3] == inferred[:3]
-        np.testing.assert_allclose(other[3], inferred[3], rtol=1e-6)  # not handed on
-        assert other_swum[:2] == swum[:2]
-        assert other_swum[2] == pytest.approx(swum[2], rel=1e-5)
+    (inferred, swum), (other, other_swum) = found
+    assert other[:3] == inferred[:3]
+    np.testing.assert_allclose(other[3], inferred[3], rtol=1e-6)  # not handed on
+    assert other_swum[:2] == swum[:2]
+    assert other_swum[2] == pytest.approx(swum[2], rel=1e-5)
