@@ -1,6 +1,5 @@
 """Sphinx: ``make docs``. The reference is generated from the docstrings of the packages."""
 
-import ast
 import pathlib
 import re
 
@@ -13,30 +12,8 @@ from sphinx.util.nodes import make_refnode
 from sphinx.util.typing import stringify_annotation
 
 from aquafish.page import write_live_page
-from aquafish_gym.damage import TIERS
 
 ROOT = pathlib.Path(__file__).parent.parent
-
-
-def docstring(path: str, name: str) -> str:
-    """Return a class's docstring without its first line, read from its source."""
-    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    found = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
-    return (ast.get_docstring(next(found)) or "").partition("\n")[2]
-
-
-def tiers() -> str:
-    """Return the tiers of random damage as a table."""
-    words = list(dict.fromkeys(chance.word for tier in TIERS.values() for chance in tier.chances))
-    rows = [["", *TIERS], ["---"] * (1 + len(TIERS))]
-    for word in words:
-        row = [f"`{word}`"]
-        for tier in TIERS.values():
-            found = next((chance for chance in tier.chances if chance.word == word), None)
-            numbers = f", {found.low:g} to {found.high:g}" if found and found.high else ""
-            row.append(f"{found.weight:.0%}{numbers}" if found else "")
-        rows.append(row)
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def is_gone(page: pathlib.Path) -> bool:
@@ -63,19 +40,15 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-# Tables that a page includes are no pages.
-exclude_patterns = ["_build", "_templates", "results/gaits", "results/inference"]
+# Tables that `make pages` writes into pages are no pages.
+TABLES = [f"results/{name}" for name in ("gaits", "inference", "league", "scores")]
+exclude_patterns = ["_build", "_templates", *TABLES]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_theme = "furo"
-myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
-# Gymnasium describes environments in Markdown, tables included: those pages show it unchanged.
-myst_substitutions = {
-    "aquafish_v0": docstring("aquafish_gym/envs/env.py", "AquaFishEnv"),
-    "tiers": tiers(),
-}
 autodoc_member_order = "bysource"
 # Modules that need the extra "rl" are described without it.
 autodoc_mock_imports = ["sb3_contrib", "stable_baselines3", "torch"]

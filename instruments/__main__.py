@@ -8,10 +8,6 @@ from collections.abc import Sequence
 from aquafish_gym.runs.command_line import Commands, run_command_line
 
 COMMANDS: Commands = {
-    "history": (
-        "instruments.history.command:History",
-        "append the committed figures of each commit, and name the commits that moved one",
-    ),
     "mutants": (
         "instruments.mutants.command:Mutants",
         "change the source in one place at a time, and count the changes that the tests notice",

@@ -114,6 +114,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
     ```python
     import gymnasium as gym
     import aquafish_gym
+
     env = gym.make("AquaFish-v0", damage="left_pectoral:length=0.5")
     ```
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from instruments.inference.cases import Case, measure
 from instruments.inference.logs import LOGS, summarise_logs
@@ -23,9 +23,8 @@ from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
 from instruments.inference.strangers import DRAWS, KINDS, summarise_strangers
 from instruments.inference.summary import summarise
 from instruments.inference.swims import SWIMS, summarise_swims
-from instruments.inference.tables import Pictures, make_tables
+from instruments.inference.tables import make_tables
 from instruments.verification.mujoco_model import load_mujoco
-from instruments.verification.tables import fill_page
 
 SCHEMA = "aquafish.inference/1"
 REPORT = "report.json"
@@ -39,9 +38,8 @@ class Inference:
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIRECTORY")] = Path("out/inference")
-    """Directory of every robot's result, report.json and the pictures."""
-    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A Markdown page whose marked tables to fill, such as docs/validation.md."""
+    """Directory of every robot's result, report.json and the pictures. `make pages` fills the
+    tables of the pages from docs/inference."""
     bodies: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
     """Number of robots, as a share of each setting's own."""
     seed: int = 0
@@ -79,8 +77,6 @@ class Inference:
     def execute(self) -> None:
         """Infer the robots that are missing, and print the tables."""
         cases = self.cases()
-        if self.page is not None and not self.page.is_file():
-            raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
         folder = ensure_writable_directory(self.out, "out")
         with lock(folder):
             write_manifest(folder, "a measurement of inference", {"seed": self.seed}, work=measure)
@@ -114,15 +110,11 @@ class Inference:
             if every:
                 report["strangers"]["all"] = summarise_strangers(every)
             write_document(folder / REPORT, report, SCHEMA)
-            pictures = save_pictures(report, folder)
+            save_pictures(report, folder)
         tables = make_tables(report)
         console = Console(highlight=False)
         for table in tables.values():
             console.print(table.rich())
-        if self.page is not None:
-            shown = Pictures(folder.resolve().name, tuple(pictures))
-            filled = fill_page(self.page.read_text(encoding="utf-8"), {**tables, "pictures": shown})
-            write_bytes(self.page, filled.encode())
 
     def _work(self, cases: list[Case], folder: Path) -> None:
         failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)

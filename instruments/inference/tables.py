@@ -1,9 +1,8 @@
-"""The report's numbers as tables, for the terminal and for docs/validation.md."""
+"""The report's numbers as tables, for the terminal and for pages of the documentation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,18 +26,6 @@ WORDS = {
     "named": "a fin without length is said to be absent or missing",
     "seconds": "mean CPU seconds",
 }
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """Pictures where a page has a marked block for them."""
-
-    folder: str  #: From the page.
-    names: tuple[str, ...]
-
-    def markdown(self) -> str:
-        """Return them as a page shows them."""
-        return "\n\n".join(f"![{name}]({self.folder}/{name}.png)" for name in self.names)
 
 
 def make_tables(report: Report) -> dict[str, Table]:

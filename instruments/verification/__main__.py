@@ -13,10 +13,9 @@ from rich.console import Console
 
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.command_line import run_command_line
-from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, install_advice, integer, one_of
+from aquafish_gym.utils.storage import ensure_writable_directory, write_document
+from aquafish_gym.utils.validation import install_advice, integer, one_of
 from instruments.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
-from instruments.verification.tables import fill_page
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,8 @@ class Verification:
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIRECTORY")] = None
-    """Where to write report.json and the pictures as well."""
-    page: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    """Markdown pages whose marked tables to fill, such as docs/physics.md."""
+    """Where to write report.json and the pictures as well. `make pages` then fills the tables of
+    the pages from docs/physics."""
     seed: int = 0
     """All that is random follows from it."""
     quick: bool = False
@@ -48,9 +46,6 @@ class Verification:
         names = [one_of("only", name, STUDIES) for name in self.only] or list(STUDIES)
         if self.out is not None:
             ensure_writable_directory(self.out, "out")
-        for page in self.page:
-            if not page.is_file():
-                raise InvalidArgumentError(f"page must be a file that exists; got {page}")
         if "agreement" in names:
             check_engine("pybullet")
         report = make_report(QUICK if self.quick else Effort(), self.seed, names)
@@ -65,9 +60,6 @@ class Verification:
         if left_out:
             print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
                   f"{install_advice('bench')}")  # fmt: skip
-        for page in self.page:
-            filled = fill_page(page.read_text(encoding="utf-8"), tables)
-            write_bytes(page, filled.encode())
         if self.out is not None:
             from instruments.verification.plots import save_pictures
 

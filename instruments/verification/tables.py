@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from rich.table import Table as RichTable
 
-from aquafish_gym.utils.validation import InvalidArgumentError
-
 Report = dict[str, Any]
-
-_BLOCK = re.compile(
-    r"(<!-- table: (\w+) -->\n)(?:(?!<!-- table:).)*?(<!-- end of table -->)", re.DOTALL
-)
 
 
 @dataclass(frozen=True)
@@ -191,32 +184,3 @@ TABLES: dict[str, tuple[str, Callable[[Report], Table]]] = {
 def make_tables(report: Report) -> dict[str, Table]:
     """Return every table that a whole report has the numbers of."""
     return {name: make(report[part]) for name, (part, make) in TABLES.items() if report.get(part)}
-
-
-class Shown(Protocol):
-    """What a page's marked block may show."""
-
-    def markdown(self) -> str:
-        """Return it as the page's text."""
-
-
-def fill_page(text: str, tables: Mapping[str, Shown]) -> str:
-    """Return a page with each of its marked blocks filled.
-
-    A block begins with the line ``<!-- table: NAME -->`` and ends with
-    ``<!-- end of table -->``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a block names a table that there is not.
-    """
-
-    def fill(block: re.Match[str]) -> str:
-        if block[2] not in tables:
-            raise InvalidArgumentError(
-                f"the page's tables must be among {', '.join(tables)}; got {block[2]!r}"
-            )
-        return f"{block[1]}\n{tables[block[2]].markdown()}\n\n{block[3]}"
-
-    return _BLOCK.sub(fill, text)

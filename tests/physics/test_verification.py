@@ -1,4 +1,4 @@
-"""The command ``python -m instruments.verification``: its report, tables, pictures and page."""
+"""The command ``python -m instruments.verification``: its report, tables and pictures."""
 
 from __future__ import annotations
 
@@ -11,13 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from instruments.verification.__main__ import main
-from instruments.verification.report import tables_of
 from instruments.verification.strokes import flipper_stroke, tail_stroke
-from instruments.verification.tables import TABLES, fill_page, make_tables
+from instruments.verification.tables import TABLES, make_tables
 
-ROOT = pathlib.Path(__file__).parents[2]
-REPORT = ROOT / "docs" / "physics" / "report.json"
-PAGES = [ROOT / "docs" / f"{page}.md" for page in ("physics", "physics_appendix", "real_fish")]
 PICTURES = ("strokes", "convergence", "quadrature", "single_precision", "real_fish")
 
 
@@ -26,10 +22,8 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
     """Return where a quick run wrote, and what it printed."""
     pytest.importorskip("pybullet")
     out = tmp_path_factory.mktemp("verification")
-    page = out / "page.md"
-    page.write_text("# Page\n\n<!-- table: convergence -->\nold\n<!-- end of table -->\nend\n")
     with contextlib.redirect_stdout(io.StringIO()) as printed:
-        assert main(["--quick", "--out", str(out), "--page", str(page)]) == 0
+        assert main(["--quick", "--out", str(out)]) == 0
     return out, printed.getvalue()
 
 
@@ -69,33 +63,6 @@ def test_only_the_reactive_terms_have_the_amplitude_exponents_that_were_measured
         # The interval and the range of 18 tails overlap.
         assert reactive[-1]["low"] < measured["high"]
         assert reactive[-1]["high"] > measured["low"]
-
-
-def test_it_fills_a_page(quick: tuple[pathlib.Path, str]) -> None:
-    out, _ = quick
-    tables = make_tables(json.loads((out / "report.json").read_text()))
-    text = (out / "page.md").read_text()
-    assert text.startswith("# Page\n")
-    assert text.endswith("end\n")
-    assert "old" not in text
-    assert tables["convergence"].markdown() in text
-    assert fill_page(text, tables) == text, "filling twice changes nothing"
-
-
-def test_the_documentation_holds_the_tables_of_its_report() -> None:
-    """And so of one run of the command, which writes both."""
-    texts = [page.read_text() for page in PAGES]
-    text = "".join(texts)
-    tables = tables_of(json.loads(REPORT.read_text()))
-    for name in tables:
-        assert f"<!-- table: {name} -->" in text
-    assert [fill_page(one, tables) for one in texts] == texts, (
-        "run: python -m instruments.verification --out docs/physics "
-        "--page docs/physics.md docs/physics_appendix.md docs/real_fish.md"
-    )
-    for name in PICTURES:
-        assert (REPORT.parent / f"{name}.png").exists()
-        assert f"physics/{name}.png" in text
 
 
 def test_without_towing_a_steady_stroke_gives_no_mean_thrust() -> None:

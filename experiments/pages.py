@@ -1,0 +1,146 @@
+"""Fill the tables of the pages: ``make pages``, or ``python -m experiments.pages``.
+
+GitHub shows a page as it is committed. So a table that a command measured stands in the page
+itself, between two comments, of which the first names its source::
+
+    <!-- make pages: results/league/table.md -->
+    <!-- end -->
+
+A source is a Markdown file under ``docs/``, a name in ``TEXTS``, or a report in ``REPORTS`` and the
+name of one of its tables, as in ``physics/report.json: strokes``.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from aquafish_gym.damage import TIERS
+from aquafish_gym.utils.storage import write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError
+from instruments.inference.tables import make_tables
+from instruments.verification.report import tables_of
+from instruments.verification.tables import Table
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+BEGIN = re.compile(r"^<!-- make pages: (.+) -->$", re.MULTILINE)
+PART = re.compile(
+    r"^<!-- make pages: (?P<source>.+) -->\n(?:(?!<!-- make pages:).*\n)*?<!-- end -->$",
+    re.MULTILINE,
+)
+
+
+def environment() -> str:
+    """Return the description of AquaFish-v0, which is the docstring of AquaFishEnv."""
+    source = (ROOT / "aquafish_gym" / "envs" / "env.py").read_text(encoding="utf-8")
+    found = (
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.ClassDef) and node.name == "AquaFishEnv"
+    )
+    text = (ast.get_docstring(next(found)) or "").partition("\n")[2]
+    return text.partition("\nExamples\n")[0].strip()
+
+
+def tiers() -> str:
+    """Return the tiers of random damage as a table."""
+    words = dict.fromkeys(chance.word for tier in TIERS.values() for chance in tier.chances)
+    rows = [["", *TIERS], ["---"] * (1 + len(TIERS))]
+    for word in words:
+        row = [f"`{word}`"]
+        for tier in TIERS.values():
+            found = next((chance for chance in tier.chances if chance.word == word), None)
+            numbers = f", {found.low:g} to {found.high:g}" if found and found.high else ""
+            row.append(f"{found.weight:.0%}{numbers}" if found else "")
+        rows.append(row)
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+TEXTS: dict[str, Callable[[], str]] = {"AquaFishEnv": environment, "tiers": tiers}
+REPORTS: dict[str, Callable[[dict[str, Any]], Mapping[str, Table]]] = {
+    "physics/report.json": tables_of,
+    "inference/report.json": make_tables,
+}
+
+
+@cache
+def _tables(report: str) -> Mapping[str, Table]:
+    return REPORTS[report](json.loads((DOCS / report).read_text(encoding="utf-8")))
+
+
+def text_of(source: str) -> str:
+    """Return what a source writes into a page.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If there is no such file, text, report or table.
+    """
+    if source in TEXTS:
+        return TEXTS[source]()
+    report, _, name = source.partition(": ")
+    if report in REPORTS and name in _tables(report):
+        return _tables(report)[name].markdown()
+    if source.endswith(".md") and (DOCS / source).is_file():
+        return (DOCS / source).read_text(encoding="utf-8").strip()
+    known = [*TEXTS, *(f"{report}: TABLE" for report in REPORTS)]
+    raise InvalidArgumentError(
+        f"make pages must name a Markdown file under docs/ or one of {', '.join(known)}; "
+        f"got {source!r}"
+    )
+
+
+def fill_page(text: str) -> str:
+    """Return a page with each of its marked parts filled.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a part names no source, or has no end.
+    """
+
+    def fill(part: re.Match[str]) -> str:
+        source = part["source"]
+        return f"<!-- make pages: {source} -->\n\n{text_of(source)}\n\n<!-- end -->"
+
+    filled, count = PART.subn(fill, text)
+    begun = BEGIN.findall(text)
+    if count < len(begun):
+        raise InvalidArgumentError(
+            f"each of {', '.join(begun)} must end with a line <!-- end -->; {count} of them do"
+        )
+    return filled
+
+
+def pages() -> list[Path]:
+    """Return the pages that people write: not the results that commands write whole."""
+    written = ("_build", "results", "recovery", "gap")
+    under_docs = (
+        page
+        for page in DOCS.rglob("*.md")
+        if not set(page.relative_to(DOCS).parts[:-1]).intersection(written)
+    )
+    others = ("README.md", "CONTRIBUTING.md", "paper/paper.md")
+    return [*(ROOT / other for other in others), *sorted(under_docs)]
+
+
+def main() -> int:
+    """Fill every page and print the names of those that changed."""
+    for page in pages():
+        text = page.read_text(encoding="utf-8")
+        filled = fill_page(text)
+        if filled != text:
+            write_bytes(page, filled.encode())
+            print(page.relative_to(ROOT))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
