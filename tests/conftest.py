@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Generator
 from importlib.util import find_spec
 from typing import Any
 
@@ -16,7 +15,6 @@ import pytest
 from filelock import lock_descriptor
 from hypothesis import settings
 
-from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 
 # A shared machine may stall any example; time is no property under test here.
@@ -27,14 +25,16 @@ settings.load_profile("shared-machine")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call() -> Generator[None, None, None]:
-    try:
-        return (yield)
-    except (EngineUnavailableError, ModuleNotFoundError) as error:
-        if "pybullet" in str(error) and find_spec("pybullet") is None:
-            pytest.skip(f"PyBullet is not installed: {error}")
-        raise
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what needs PyBullet where it is not installed: marked tests, and parameters."""
+    if find_spec("pybullet") is not None:
+        return
+    absent = pytest.mark.skip(reason="PyBullet is not installed")
+    for item in items:
+        call = getattr(item, "callspec", None)
+        given = [] if call is None else [one for one in call.params.values() if type(one) is str]
+        if item.get_closest_marker("pybullet") or "pybullet" in given:
+            item.add_marker(absent)
 
 
 # What compiles the kernels that the tests use, in a process for each type of number: kernels of

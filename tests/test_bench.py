@@ -26,8 +26,8 @@ TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
 NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3", "training": "stable_baselines3"}
 
 
+@pytest.mark.pybullet
 def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:
-    pytest.importorskip("pybullet")
     out = tmp_path / "bench.json"
     words = ["--quick", "--robots", "32", "--steps", "8", "--turns", "1"]
     assert main([*words, "--only", "physics", "bodies", "--out", str(out)]) == 0
@@ -72,9 +72,9 @@ def test_missing_package_leaves_out_its_rows(monkeypatch: pytest.MonkeyPatch) ->
     assert group.notes
 
 
+@pytest.mark.pybullet
 def test_neat_python_baseline_swims_the_same_distance() -> None:
     """It would be no comparison if its robot heard or did something else."""
-    pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
     from gait.search.neat import Evolution

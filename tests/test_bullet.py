@@ -26,7 +26,7 @@ from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.scenario import Scenario
 from instruments.verification.trials import Trials
 
-pytest.importorskip("pybullet")
+pytestmark = pytest.mark.pybullet
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]

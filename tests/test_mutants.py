@@ -30,13 +30,6 @@ def test_clip():
     assert clip(1.0, 2.0) == 1.0
     assert clip(4.0, 2.0) == 2.0
 """
-DOCSTRINGS = """\
-import pytest
-
-@pytest.mark.parametrize("name", ["library.clipping"])
-def test_examples_run(name):
-    pass
-"""
 
 
 def mutated(source: str) -> list[str]:
@@ -125,7 +118,6 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "library/__init__.py": "",
         "library/clipping.py": LIBRARY,
         "tests/test_clipping.py": TESTS,
-        "tests/test_docstrings.py": DOCSTRINGS,
         "pytest.ini": "[pytest]\nmarkers =\n    slow: slow\n",
     }
     for name, text in files.items():

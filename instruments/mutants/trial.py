@@ -63,7 +63,8 @@ class Trial:
             return self._judge(mutant, tree)
 
     def _judge(self, mutant: Mutant, tree: Path) -> dict[str, Any]:
-        words = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", *mutant.tests]
+        words = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "pytest_timeout"]
+        words += ["--doctest-modules", *mutant.tests]
         environment = os.environ | {
             "PYTHONPATH": str(tree),
             "NUMBA_CACHE_DIR": str(self.kernels),

@@ -179,8 +179,11 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     spread = np.std(states[QUATERNION, 1:], axis=1).max()
     assert 1e-4 < spread < 0.2
     live.strike("left_pectoral:missing")
-    while agent.recognised is None:
+    for _ in range(1000):
         live.advance()
+        if agent.recognised is not None:
+            break
+    assert agent.recognised is not None
     weights = [one.weight for one in agent.recognised.alternatives]
     assert sum(weights) == pytest.approx(1.0)
     assert weights == sorted(weights, reverse=True)

@@ -43,27 +43,30 @@ def test_inference_lies_between_knowing_and_not_knowing():
 
 @cache
 def five_seeds(condition: Condition) -> np.ndarray:
-    pytest.importorskip("pybullet")
     config = PaperConfig(condition=condition, steps=256, rounds=10)
     return final_objectives(config, range(5), "pybullet")
 
 
+@pytest.mark.pybullet
 @pytest.mark.slow
 def test_ideal_finds_the_body():
     assert five_seeds("ideal").mean() >= 0.97
 
 
+@pytest.mark.pybullet
 @pytest.mark.slow
 def test_none_does_not():
     assert five_seeds("none").mean() < 0.75
 
 
+@pytest.mark.pybullet
 @pytest.mark.slow
 def test_out_of_band_regains_much_of_what_none_loses():
     assert five_seeds("out-of-band").mean() >= 0.88
     assert five_seeds("out-of-band").mean() >= five_seeds("none").mean() + 0.10
 
 
+@pytest.mark.pybullet
 @pytest.mark.slow
 def test_in_band_lies_between_none_and_ideal():
     order = {condition: five_seeds(condition).mean() for condition in CONDITIONS}

@@ -45,8 +45,6 @@ def test_every_genome_is_a_body_and_a_command_the_fish_accepts():
 
 @pytest.mark.parametrize("engine", ["pybullet", "numba"])
 def test_the_target_hides_new_angles_before_every_command(engine):
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     target = EngineTarget(None, DAMAGE, np.random.default_rng(5), 32, engine)
     assert target.morphology.left_pectoral == (0.4, 0.8, 0.1)
     hidden = []
@@ -81,8 +79,8 @@ def test_every_condition_runs_on_the_fish(condition):
     assert result.chance == pytest.approx(0.694, abs=0.001)
 
 
+@pytest.mark.pybullet
 def test_the_default_target_swims_in_pybullet_and_the_result_is_nearly_the_same():
-    pytest.importorskip("pybullet")
     bullet = estimate_morphology(None, DAMAGE, QUICK, 1)
     lanes = estimate_morphology(None, DAMAGE, QUICK, 1, target_engine="numba")
     assert bullet.rounds[0].command == lanes.rounds[0].command

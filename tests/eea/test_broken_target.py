@@ -65,8 +65,6 @@ def test_a_seized_servo_keeps_its_angle_and_a_dead_one_does_not():
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
 def test_a_scheduled_fault_begins_in_every_trial(engine):
-    if engine != "numba":
-        pytest.importorskip(engine)
     target = fish("caudal:missing@0.2+0.2;left_pectoral:dead@0.3", engine=engine)
     for _ in range(2):
         log = target.perform(COMMAND)

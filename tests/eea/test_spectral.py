@@ -51,10 +51,10 @@ def test_the_engine_compares_as_numpy_does() -> None:
     assert ours.trials == 60
 
 
+@pytest.mark.pybullet
 def test_engine_compares_only_what_it_can_transform() -> None:
     assert EngineSimulator(2).comparer(2) is None
     assert EngineSimulator(STEPS).comparer(64) is None
-    pytest.importorskip("pybullet")
     assert EngineSimulator(STEPS, engine="pybullet").comparer(STEPS) is None
 
 

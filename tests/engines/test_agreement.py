@@ -45,7 +45,6 @@ def fifty_cases() -> Trial:
 
 def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
     """Return the largest difference of the two engines in all that they log."""
-    pytest.importorskip("pybullet")
     ours, bullets = (
         aquafish_gym.simulate(
             *trials, steps=steps, engine=engine, dtype="float64", record="pose", **settings
@@ -61,10 +60,12 @@ def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
     return float(max(gaps))
 
 
+@pytest.mark.pybullet
 def test_lanes_equal_pybullet_in_fifty_cases() -> None:
     assert largest_gap(fifty_cases(), steps=512) < 1e-9
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("substeps", "current", "cases", "steps"),
     [
@@ -82,6 +83,7 @@ def test_lanes_equal_pybullet_in_currents_and_substeps(
     assert largest_gap(trials, steps, substeps=substeps, current=current) < 1e-9
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("reactive", [False, True])
 @pytest.mark.parametrize("names", [*NUISANCES, "all"])
 def test_lanes_equal_pybullet_in_what_differs_from_robot_to_robot(
@@ -93,6 +95,7 @@ def test_lanes_equal_pybullet_in_what_differs_from_robot_to_robot(
     assert largest_gap(trials, 96, **chosen, reactive=reactive, substeps=substeps) < 1e-9  # type: ignore[arg-type]
 
 
+@pytest.mark.pybullet
 def test_lanes_equal_pybullet_for_twenty_seconds() -> None:
     bodies, commands, angles = fifty_cases()
     trials = bodies[20:26], commands[20:26], angles[20:26]

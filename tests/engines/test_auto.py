@@ -17,8 +17,8 @@ def run(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
+@pytest.mark.pybullet
 def test_pybullet_is_taken_where_it_is() -> None:
-    pytest.importorskip("pybullet")
     assert resolve_engine("engine", "auto") == check_engine("auto") == "pybullet"
 
 

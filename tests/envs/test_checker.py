@@ -142,18 +142,17 @@ def test_gymnasium_and_stable_baselines_find_nothing_to_say(name: str, engine: s
 def test_a_thousand_steps_keep_the_contract(name: str, engine: str) -> None:
     damage = "random:severe@0-10+3"
     one = make(name, engine, fin_angles="random", observe_fins=True, damage=damage)
-    said = check_strictly(one, STEPS)
+    check_strictly(one, STEPS)
     one.close()
-    assert len(said) == 64
     broken = FaultWrapper(make(name, engine), "action_0:weak=0.5; observation_6:noise=0.1@1")
-    assert len(check_strictly(broken, 20)) == 64
+    check_strictly(broken, 20)
     broken.close()
 
 
 @pytest.mark.parametrize("name", IDS)
 def test_each_step_of_a_batch_keeps_the_contract(name: str) -> None:
     """In several episodes, of 100 steps or of 300."""
-    assert len(check_batch(name, 400)) == 64
+    check_batch(name, 400)
 
 
 def digests() -> list[str]:

@@ -193,8 +193,6 @@ BUILT_IN = [
 def test_fish_has_the_same_to_the_bit_on_both_engines(
     built_in: str, channels: str, engine: str
 ) -> None:
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     # Noise is drawn from other streams.
     built_in, channels = (
         re.sub("gyro:noise|observation_6-8:noise", name, text)

@@ -19,6 +19,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import aquafish_gym  # noqa: F401
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import CompiledWorld
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS, Step, SwimForward, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
@@ -352,9 +353,9 @@ def test_a_task_states_its_length_in_the_class_or_as_a_field() -> None:
         AquaFishEnv(engine="numba", task=Field(seconds=0.0))
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_robots_of_pybullet_are_its_single_robots(mode: str) -> None:
-    pytest.importorskip("pybullet")
     task = SwimForward(seconds=1.0)
     options = {"engine": "pybullet", "damage": "random:severe@0.2-0.6; gyro:noise=0.02"}
     both = [
@@ -377,6 +378,7 @@ def test_robots_of_pybullet_are_its_single_robots(mode: str) -> None:
         envs.close()
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -385,14 +387,13 @@ def test_robots_of_pybullet_are_its_single_robots(mode: str) -> None:
     ],
 )
 def test_what_other_engines_have_not_is_refused(options: dict[str, Any], words: str) -> None:
-    pytest.importorskip("pybullet")
     with pytest.raises(InvalidArgumentError, match=words):
         make(engine="pybullet", **options)
 
 
+@pytest.mark.pybullet
 def test_a_closed_batch_on_pybullet_refuses_to_work() -> None:
     """Its clients may serve other robots by then."""
-    pytest.importorskip("pybullet")
     env = make(engine="pybullet")
     env.reset(seed=0)
     env.close()
@@ -405,8 +406,8 @@ def test_a_closed_batch_on_pybullet_refuses_to_work() -> None:
     other.close()
 
 
+@pytest.mark.pybullet
 def test_too_many_robots_for_pybullet_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet import world
 
     with pytest.raises(InvalidArgumentError, match="num_envs must be at most 1024"):
@@ -417,8 +418,9 @@ def test_too_many_robots_for_pybullet_are_refused(monkeypatch: pytest.MonkeyPatc
         make(engine="pybullet", num_envs=6)
 
 
+@pytest.mark.pybullet
 def test_clients_are_given_back_when_pybullet_has_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    pybullet = pytest.importorskip("pybullet")
+    pybullet = load_pybullet()
     from aquafish_gym.engines.bullet import world
 
     class Full:
@@ -438,8 +440,6 @@ def test_clients_are_given_back_when_pybullet_has_no_more(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("engine", ["pybullet", CompiledWorld])
 def test_the_specs_of_robots_have_the_engine_of_the_batch(engine: Any) -> None:
-    if engine == "pybullet":
-        pytest.importorskip("pybullet")
     env = make(engine=engine)
     assert [spec.kwargs["engine"] for spec in env.get_attr("spec")] == [engine] * COUNT
     env.close()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -72,8 +71,7 @@ def contract(*needs: str) -> Callable[[Callable[..., None]], Callable[..., None]
             if missing:
                 LEFT_OUT.append((test.__name__, swimmer.name, missing[0]))
                 continue
-            absent = "pybullet" in swimmer.name and find_spec("pybullet") is None
-            marks = [pytest.mark.skip(reason="PyBullet is not installed")] if absent else []
+            marks = [pytest.mark.pybullet] if "pybullet" in swimmer.name else []
             able.append(pytest.param(swimmer, marks=marks, id=swimmer.name))
         return pytest.mark.parametrize("swimmer", able)(test)
 

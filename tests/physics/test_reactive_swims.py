@@ -117,11 +117,11 @@ def test_lanes_are_plain_python_to_the_last_bit(trials, on: bool) -> None:  # ty
         assert_array_equal(np.concatenate([np.ravel(part) for part in state]), row[:22])
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("substeps", "current"), [(1, ZERO), (1, (0.3, -0.2, 0.1)), (4, (0.0, 0.4, 0.0))]
 )
 def test_lanes_equal_pybullet(trials, substeps: int, current: Vector) -> None:  # type: ignore[no-untyped-def]
-    pytest.importorskip("pybullet")
     ours, bullets = (
         swim(*(part[:10] for part in trials), engine=engine, substeps=substeps, current=current)
         for engine in ("numba", "pybullet")
