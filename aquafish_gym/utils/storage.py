@@ -165,7 +165,7 @@ def read_document(
 def decode_document(content: bytes, name: str, schema: str | None = None) -> dict[str, Any]:
     """Return the content of an encoded document, or raise DamagedFileError with the name.
 
-    A checksum must match the rest. Old files, and files that people write, have none.
+    A checksum must match the rest. Files that people write have none.
     """
     try:
         whole = parse_json(name, content)
