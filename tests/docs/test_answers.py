@@ -64,7 +64,8 @@ def test_the_command_of_a_page_prints_what_it_shows(
     assert printed == shown_by(name)
     for written in (tmp_path / "out").rglob("*.png"):
         both = (pixels(path, (60, 40)) for path in (written, PAGES[name].with_suffix(".png")))
-        assert np.abs(np.subtract(*both)).max() < 0.1
+        others = np.abs(np.subtract(*both)).max(axis=-1) > 0.1  # such as the points of OTHERS
+        assert others.mean() < 0.02
 
 
 def test_constants_are_followed_as_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
