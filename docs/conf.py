@@ -71,8 +71,6 @@ ARRAY = re.compile(
 # The titles of the studies' reports, which do not name the study.
 STUDIES = {
     "results/figs-5-to-10/summary": "Figs. 5 to 10, every table",
-    "results/ablations/summary": "Ablations, every table",
-    "results/orientation/summary": "Orientation, every table",
 }
 
 
