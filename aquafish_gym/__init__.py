@@ -5,6 +5,7 @@ are loaded when they are first used.
 """
 
 import multiprocessing as _multiprocessing
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 import gymnasium as _gymnasium
 
@@ -32,7 +33,17 @@ __all__ = [
     "simulate",
     "tasks",
 ]
-__version__ = "0.1.0"
+__version__: str
+if not _TYPE_CHECKING:  # mypy would accept any name
+
+    def __getattr__(name: str) -> str:
+        """Return the version, for which git is asked in a clone, when it is first used."""
+        if name != "__version__":
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from aquafish_gym.runs.version import version
+
+        return version()
+
 
 #: The arguments that each id adds.
 IDS: dict[str, dict[str, str]] = {

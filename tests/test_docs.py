@@ -11,8 +11,6 @@ from itertools import chain
 
 from packaging.requirements import Requirement
 
-import aquafish_gym
-
 ROOT = pathlib.Path(__file__).parent.parent
 GUIDES = ("README.md", "CONTRIBUTING.md", "RELEASING.md", "paper/paper.md")
 PAGES = sorted(
@@ -153,9 +151,7 @@ def test_the_version_and_the_citation_are_the_same_everywhere() -> None:
     readme = (ROOT / "README.md").read_text().split("```bibtex\n")[1].split("```")[0]
     of_software, of_paper = readme.split("@misc")
 
-    version = project["version"]
-    assert aquafish_gym.__version__ == version
-    assert f"\nversion: {version}\n" in citation
+    (version,) = re.findall(r"^version: (.+)$", citation, re.MULTILINE)
     assert f"version = {{{version}}}" in of_software
     assert f"\n## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
 

@@ -112,7 +112,10 @@ def report_page(
         "shown": rule if count > 1 else f"Shown is seed {job.seed}, the only replicate.",
         "knowledge": knowledge,
         "commands": "\n".join(commands),
-        "versions": ", ".join(f"{name} {of}" for name, of in report["code"][0].items()),
+        "versions": "; then ".join(
+            ", ".join(f"{name} {of}" for name, of in versions.items())
+            for versions in report["code"]
+        ),
     }
     parts = {name: html.escape(text) for name, text in plain.items()} | {
         "numbers": "".join(

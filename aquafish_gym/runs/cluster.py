@@ -14,6 +14,7 @@ from typing import Any
 
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.manifest import versions
+from aquafish_gym.runs.version import PACKAGE
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -33,7 +34,10 @@ def computing(work: Callable[..., Any] | None) -> dict[str, str]:
     """Return the versions, and the hash of a function's code, which determine its results."""
     found = versions()
     found["python"] = ".".join(found["python"].split(".")[:2])
-    return found if work is None else {**found, "code": code_hash(work)}
+    if work is not None:
+        del found[PACKAGE]  # another commit may have the same code
+        found["code"] = code_hash(work)
+    return found
 
 
 def difference(there: dict[str, str], here: dict[str, str]) -> str:

@@ -24,7 +24,6 @@ from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_or
 import tyro
 from tyro.conf import arg
 
-from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.damage.words import (
@@ -46,6 +45,7 @@ from aquafish_gym.runs.command_help import (
     option_names,
     print_help,
 )
+from aquafish_gym.runs.version import other_clone_here, version
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.interrupts import kept_interrupts
 from aquafish_gym.utils.streams import keep_streams
@@ -182,8 +182,10 @@ def run_command_line(
     keep_streams()
     try:
         with _interrupts(), _flushed():
+            if note := other_clone_here():
+                print(printable(f"{program}: {note}"), file=sys.stderr)
             if words == ["--version"]:
-                print(f"{program} {__version__}")
+                print(f"{program} {version()}")
             else:
                 with end_at_signals(program):
                     command, prog, words = _chosen(prog, commands, words)

@@ -2,16 +2,17 @@
 
 The manifest, ``settings.json``, has the kind of results and the settings that determine them. A
 command with other settings is refused. A command that continues what it finds also writes the hash
-of its code there, and is refused in a folder of other code.
+of its code there, and is refused in a folder of other code. Other versions, such as another commit
+with the same code, are added.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
+from importlib import metadata
 from pathlib import Path
 from platform import python_version
 from typing import Any
@@ -19,6 +20,7 @@ from typing import Any
 from filelock import lock_descriptor
 
 from aquafish_gym.runs.code import code_hash
+from aquafish_gym.runs.version import PACKAGE, version
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
@@ -26,9 +28,9 @@ LOCK = ".aquafish.lock"
 SETTINGS = "settings.json"
 FOLDER_SCHEMA = "aquafish.folder/1"
 REMOVES_OPEN_FILES = os.name != "nt"
-LIBRARIES = (
-    "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",
-)  # fmt: skip
+LIBRARIES = ("cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")
+
+_Versions = dict[str, str]
 
 
 @contextmanager
@@ -75,19 +77,25 @@ def _locked(path: Path) -> int:
         return handle
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that compute results."""
-    found = {"python": python_version()}
+def versions() -> _Versions:
+    """Return the versions of Python, of this package and of the libraries that compute results.
+
+    That of this package names the commit; see :func:`aquafish_gym.runs.version.version`.
+    """
+    found = {"python": python_version(), PACKAGE: version()}
     for library in LIBRARIES:
         try:
-            found[library] = version(library)
-        except PackageNotFoundError:
+            found[library] = metadata.version(library)
+        except metadata.PackageNotFoundError:
             found[library] = "not installed"
     return found
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return a folder's manifest, with ``kind`` and ``settings``, or ``None`` without one."""
+    """Return a folder's manifest, ``None`` without one.
+
+    It has ``kind``, ``settings``, and ``versions``: those of each command that made the results.
+    """
     path = folder / SETTINGS
     if not path.exists():
         return None
@@ -125,13 +133,21 @@ def write_manifest(
         Nothing is written then.
     """
     before = check_manifest(folder, kind, settings, outputs)
-    document: dict[str, Any] = {"kind": kind, "settings": settings, "versions": versions()}
+    document: dict[str, Any] = {"kind": kind, "settings": settings, "versions": [versions()]}
     if work is not None:
         document["code"] = code_hash(work)
         if before is not None:
             refuse_other_code(folder, kind, before.get("code"), document["code"])
-            return
+            held = before.get("versions", [])
+            document["versions"] = joined_versions(held, document["versions"])
+            if document["versions"] == held:
+                return
     write_document(folder / SETTINGS, document, FOLDER_SCHEMA)
+
+
+def joined_versions(held: Sequence[_Versions], here: Sequence[_Versions]) -> list[_Versions]:
+    """Return the versions that made a folder's results, with those of a command that continues."""
+    return [*held, *(one for one in here if one not in held)]
 
 
 def check_manifest(

@@ -17,6 +17,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.manifest import (
+    joined_versions,
     read_manifest,
     refuse_difference,
     refuse_other_code,
@@ -192,12 +193,11 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
         for steps, new in durations.items():
             own[steps] = _joined(own.get(steps, new), new, f"out: {folder} holds {arm}")
         replicates[arm] = {steps: own[steps] for steps in sorted(own, key=int)}
-    made_by = held.get("versions", [])
     return {
         **held,
         "replicates": replicates,
         "arms": {**held["arms"], **asked["arms"]},
-        "versions": made_by + [one for one in asked["versions"] if one not in made_by],
+        "versions": joined_versions(held.get("versions", []), asked["versions"]),
     }
 
 

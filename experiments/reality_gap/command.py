@@ -153,7 +153,7 @@ def publish(folder: Path, settings: Settings, formats: Sequence[str]) -> None:
     if not outcomes:
         return
     table = results(outcomes)
-    code = [(read_manifest(folder) or {}).get("versions", {})]
+    code = (read_manifest(folder) or {}).get("versions", [])
     report = build_report(table, settings.to_dict(), code)
     pictures = draw_all(folder, table, report, formats)
     # Readers' programs show one of the formats, and not all of them show PDF.

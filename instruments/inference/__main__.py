@@ -84,7 +84,7 @@ class Inference:
             self._work(found, folder)
             report: dict[str, Any] = {
                 "seed": self.seed,
-                "code": [(read_manifest(folder) or {}).get("versions", {})],
+                "code": (read_manifest(folder) or {}).get("versions", []),
                 "settings": {
                     name: summarise(name, [_read(folder, case) for case in some])
                     for name, some in cases.items()

@@ -20,6 +20,7 @@ from run_jobs_here import Task, work
 from aquafish_gym.runs import cluster
 from aquafish_gym.runs import workers as pools
 from aquafish_gym.runs.jobs import finished, read_result, run_jobs
+from aquafish_gym.runs.manifest import versions
 from aquafish_gym.runs.workers import workers
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -299,8 +300,13 @@ def test_a_cluster_of_other_code_does_no_job(dask_cluster, monkeypatch, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_versions_are_told_apart():
+def test_versions_are_told_apart(monkeypatch):
     here = cluster.computing(None)
+    code = cluster.computing(work)
+    monkeypatch.setattr(cluster, "versions", lambda: {**versions(), "aquafish-gym": "0.2"})
+    computing = cluster.computing.__wrapped__  # without its cache
+    assert "aquafish-gym 0.2 there" in cluster.difference(computing(None), here)
+    assert cluster.difference(computing(work), code) == ""  # another commit with the same code
     assert cluster.difference(here, dict(here)) == ""
     assert "numpy None there" in cluster.difference({**here, "numpy": None}, here)
 

@@ -76,7 +76,7 @@ def test_a_manifest_is_written_once(tmp_path):
     assert (tmp_path / "settings.json").read_bytes() == before
     held = read_manifest(tmp_path)
     assert (held["kind"], held["settings"]) == ("a study", SETTINGS)
-    assert held["versions"]["numpy"]
+    assert held["versions"] == [versions()]
 
 
 @pytest.mark.parametrize(
@@ -98,10 +98,23 @@ def test_the_first_difference_is_named_and_nothing_changes(tmp_path, kind, setti
 
 
 def test_a_command_that_starts_again_says_with_which_versions(tmp_path):
-    old = {"kind": "a study", "settings": SETTINGS, "versions": {"numpy": "1.0"}}
+    old = {"kind": "a study", "settings": SETTINGS, "versions": [{"numpy": "1.0"}]}
     write_document(tmp_path / "settings.json", old, "aquafish.folder/1")
     write_manifest(tmp_path, "a study", SETTINGS)
-    assert read_manifest(tmp_path)["versions"] == versions()
+    assert read_manifest(tmp_path)["versions"] == [versions()]
+
+
+def test_a_command_that_continues_at_another_commit_adds_its_versions(tmp_path, monkeypatch):
+    write_manifest(tmp_path, "a study", SETTINGS, work=versions)
+    first = (tmp_path / "settings.json").read_bytes()
+    write_manifest(tmp_path, "a study", SETTINGS, work=versions)
+    assert (tmp_path / "settings.json").read_bytes() == first
+    here = versions()
+    monkeypatch.setattr(manifest, "version", lambda: "0.1.dev2+g123456789")
+    for _ in range(2):
+        write_manifest(tmp_path, "a study", SETTINGS, work=versions)
+        held = read_manifest(tmp_path)["versions"]
+        assert held == [here, here | {"aquafish-gym": "0.1.dev2+g123456789"}]
 
 
 def test_a_command_that_continues_refuses_results_of_unknown_code(tmp_path):
