@@ -23,6 +23,7 @@ from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up_tr
 from aquafish_gym import Damage, held_out
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.api import check_engine
+from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.runs.command_line import (
     BodyDamage,
     BodyFile,
@@ -36,7 +37,12 @@ from aquafish_gym.runs.manifest import check_manifest, lock, read_manifest, writ
 from aquafish_gym.runs.markdown import shown_format
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
-from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.storage import (
+    encode_document,
+    ensure_writable_directory,
+    write_bytes,
+    write_document,
+)
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, printable
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from gait.controllers.controller import Controller
@@ -219,10 +225,15 @@ class CaseStudy(Given):
         outcomes = read_outcomes(folder, jobs)
         seed = jobs[0].seed + shown_replicate(outcomes)
         job_shown = next(job for job in jobs if job.seed == seed)
-        pictures, svgs = draw_all(folder, job_shown, outcomes, self.format, self.film)
         versions = (read_manifest(folder) or {}).get("versions", [])
         report = build_report(settings, versions, outcomes)
-        write_document(folder / REPORT, report, REPORT_SCHEMA)
+        content = encode_document(report, REPORT_SCHEMA)
+        # The report is written after the films: where it stands already, they are of its swims.
+        known = (folder / REPORT).exists() and (folder / REPORT).read_bytes() == content
+        pictures, svgs = draw_all(
+            folder, job_shown, outcomes, self.format, self.film, keep_film=known and not self.redraw
+        )
+        write_bytes(folder / REPORT, content)
         shown = shown_format(self.format)
         text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())
@@ -304,5 +315,7 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
 
 def _distances(outcome: dict[str, Any]) -> str:
     """Return the distances that a treatment's gait swims, for the progress bar."""
-    native, target = outcome["native_distance"], outcome["target_distance"]
-    return f"{native:z.1f} units on its model, {target:z.1f} on the damaged robot"
+    native, target = (
+        CM_PER_UNIT * outcome[field] for field in ("native_distance", "target_distance")
+    )
+    return f"{native:z.0f} cm on its model, {target:z.0f} cm on the damaged robot"

@@ -7,7 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -40,22 +39,30 @@ COLOURS = {
     "oracle-fins": "#00523c",
 }
 TREATMENT_LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
-PAGE_FIGURES = ("sizes", "distances")
+WIDE = 8.0  # inches, of a figure on a page
+NARROW = 4.6  # for a telephone, whose 390 pixels are 4.1 inches of a browser
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 REST_POSE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 FILM_FPS = 10.0
+VIDEO_FPS = 20.0
 FILM_SPEED = 2.0  # times real time
 FILM_PIXELS = (800, 450)
 
 
 def draw_all(
-    folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], filmed: bool
+    folder: Path,
+    job: Treatment,
+    outcomes: Outcomes,
+    formats: Sequence[str],
+    filmed: bool,
+    keep_film: bool = False,
 ) -> tuple[list[str], dict[str, bytes]]:
     """Write all figures of a study in each format.
 
-    ``job`` is of the shown replicate. Return the names of the files, and as SVG the figures of the
-    report's page.
+    ``job`` is of the shown replicate; ``keep_film`` draws no film that exists already. Return the
+    names of the files, and as SVG the figures of the report's page: ``sizes`` and ``distances``,
+    and both for a narrow screen as ``sizes-narrow`` and ``distances-narrow``.
     """
     figures = {
         "bodies": bodies_figure(job, outcomes),
@@ -64,14 +71,18 @@ def draw_all(
         "fitness": treatment_fitness_figure(job.target, outcomes),
         "distances": distances_figure(outcomes),
     }
+    on_page = {name: figures[name] for name in ("sizes", "distances")} | {
+        "sizes-narrow": sizes_figure(job, outcomes, NARROW),
+        "distances-narrow": distances_figure(outcomes, NARROW),
+    }
     names = []
     for name, figure in figures.items():
         for kind in formats:
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
     if filmed:
-        names += write_film(folder, job, outcomes)
-    return names, {name: encode_figure(figures[name], "svg") for name in PAGE_FIGURES}
+        names += write_film(folder, job, outcomes, keep_film)
+    return names, {name: encode_figure(figure, "svg") for name, figure in on_page.items()}
 
 
 def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
@@ -82,15 +93,17 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
     broken = [fin for fin in FINS if getattr(job.morphology, fin) != getattr(job.target, fin)]
-    figure = new_figure(2.63 * len(bodies), 3.5, DPI)
+    figure = new_figure(2.63 * len(bodies), 3.1, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
         axes.imshow(render_pose(body, REST_POSE, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
         axes.set_title(f"the damaged robot\n{_mark(job.target, broken)}")
         if name != "target":
             fit = outcomes[name][shown]["objective_fitness"]
-            axes.set_title(f"{TREATMENT_LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
+            label = "the healthy body" if name == "undamaged" else TREATMENT_LABELS[name]
+            axes.set_title(f"{label}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
+        axes.set_anchor("S")
     return figure
 
 
@@ -100,7 +113,7 @@ def _mark(body: Morphology, broken: Sequence[str]) -> str:
     return "broken fin in yellow" if left or not broken else "break of the lost fin in black"
 
 
-def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
+def sizes_figure(job: Treatment, outcomes: Outcomes, width: float = WIDE) -> Figure:
     """Draw the sizes of the damaged robot and of each self-model, with posterior intervals."""
     shown = shown_replicate(outcomes)
     whole, true = job.morphology.to_array(), job.target.to_array()
@@ -108,7 +121,7 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     middle = Morphology.coerce(joint["morphology"]).to_array() / whole
     paper = Morphology.coerce(outcomes["out-of-band"][shown]["morphology"]).to_array() / whole
     rows = -np.arange(len(whole))
-    figure = new_figure(8.0, 3.8, DPI)
+    figure = new_figure(width, 3.8, DPI)
     axes = figure.add_subplot()
     for row in rows[true != whole]:
         axes.axhspan(row - 0.5, row + 0.5, color="#facc15", alpha=0.3, lw=0)
@@ -130,8 +143,8 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     for row, values in zip(rows, 100 * np.column_stack(columns), strict=True):
         text = ("{:.0f}% [{:.0f}, {:.0f}]" if len(values) > 1 else "{:.0f}%").format(*values)
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")
-    axes.set_xlabel("size, % of the healthy robot's; yellow: broken")
-    _legend_above(axes)
+    figure.supxlabel("size, % of the healthy robot's; yellow: broken", size="medium")
+    _legend_above(figure)
     return figure
 
 
@@ -186,13 +199,13 @@ def treatment_fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     return figure
 
 
-def distances_figure(outcomes: Outcomes) -> Figure:
+def distances_figure(outcomes: Outcomes, width: float = WIDE) -> Figure:
     """Draw each treatment's distances on the target: their mean, its interval, and all of them.
 
     Of one replicate they are its swims from random poses, of several the replicates' means.
     """
     count = len(outcomes["oracle"])
-    figure = new_figure(8.0, 5.2, DPI)
+    figure = new_figure(width, 5.2, DPI)
     axes = figure.add_subplot()
     places = -np.arange(len(TREATMENTS))
     for place, name in zip(places, TREATMENTS, strict=True):
@@ -212,31 +225,35 @@ def distances_figure(outcomes: Outcomes) -> Figure:
     axes.plot([], [], color="0.3", lw=2, label="95% interval of the mean")
     axes.plot([], [], ".", ms=7, alpha=0.45, label=swum, color="0.3", ls="")
     axes.plot([], [], "D", mfc="none", ms=6, label="from the zero pose", color="0.3", ls="")
-    _legend_above(axes)
+    _legend_above(figure)
     axes.axvline(0, color="0.6", lw=0.8)
     axes.grid(axis="x", color="0.92")
     axes.set_yticks(places, list(TREATMENT_LABELS.values()))
     several = "replicates" if count > 1 else "replicate"
-    axes.set_xlabel(f"distance forward on the damaged robot, cm; {count} {several}")
+    figure.supxlabel(f"distance forward on the damaged robot, cm; {count} {several}", size="medium")
     return figure
 
 
-def _legend_above(axes: Axes) -> None:
-    axes.legend(
-        fontsize="small", ncols=4, frameon=False, loc="lower center", bbox_to_anchor=(0.4, 1.0)
-    )
+def _legend_above(figure: Figure) -> None:
+    """Put the legend above the axes, in as many columns as a figure of this width holds."""
+    columns = 4 if figure.get_figwidth() >= WIDE else 2
+    figure.legend(fontsize="small", ncols=columns, frameon=False, loc="outside upper center")
 
 
-def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
+def write_film(folder: Path, job: Treatment, outcomes: Outcomes, keep: bool = False) -> list[str]:
     """Write the film of the shown replicate and return the names of its files.
 
-    They are film.webp and, where imageio-ffmpeg is installed, film.mp4.
+    They are film.webp and, where imageio-ffmpeg is installed, film.mp4. ``keep`` draws none that
+    exists already.
     """
-    swims, title = shown_swims(job, outcomes), job.damage.said().capitalize()
-    with show_share("film.webp", "frames") as show:
-        film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title, show)
-    if find_spec("imageio_ffmpeg") is None:
-        return ["film.webp"]
-    with show_share("film.mp4", "frames") as show:
-        film(swims, folder / "film.mp4", 1920, 1080, speed=FILM_SPEED, title=title, progress=show)
-    return ["film.webp", "film.mp4"]
+    forms = {"film.webp": (*FILM_PIXELS, FILM_FPS)}
+    if find_spec("imageio_ffmpeg") is not None:
+        forms["film.mp4"] = (1920, 1080, VIDEO_FPS)
+    swims = shown_swims(job, outcomes)
+    title = job.damage.said().capitalize()
+    for name, form in forms.items():
+        if keep and (folder / name).exists():
+            continue
+        with show_share(name, "frames") as show:
+            film(swims, folder / name, *form, FILM_SPEED, title, show)
+    return list(forms)

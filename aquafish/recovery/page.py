@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.report import Outcomes, headline, shown_replicate
-from aquafish.recovery.treatment import Treatment, path_from_dict
+from aquafish.recovery.treatment import TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Damage, Morphology
 from aquafish_gym.morphology import FIN_WORDS
 from aquafish_gym.rendering.course import TRAILS, FilmedSwim
@@ -59,6 +59,7 @@ $sentences
 <pre>$commands</pre>
 <p>$versions. All numbers and tables: report.md and report.json beside this page.</p>
 </main>""")
+NARROW_SCREEN = "(max-width: 600px)"
 _PICTURES = {
     "sizes": "The sizes of each self-model, with posterior intervals",
     "distances": "The distances of all methods on the damaged robot",
@@ -79,7 +80,8 @@ def report_page(
     job
         A treatment of the shown replicate, see ``shown_replicate``.
     figures
-        SVG of ``sizes`` and ``distances``.
+        SVG of ``sizes`` and ``distances``, and of both for narrow screens, ``sizes-narrow`` and
+        ``distances-narrow``.
     commands
         The command lines that make the study and its replay again.
     """
@@ -90,8 +92,9 @@ def report_page(
     distances = (old["native_distance"], old["target_distance"], ours["target_distance"])
     healthy, damaged, recovered = (f"{CM_PER_UNIT * each:z.0f}\u00a0cm" for each in distances)
     title = (
-        f"{job.damage.said().capitalize()}. With the gait of joint inference "
-        f"(joint-fins) the robot swims {recovered} in {seconds:g}\u00a0s instead of {damaged}."
+        f"{job.damage.said().capitalize()}. With the gait of "
+        f"{TREATMENTS['joint-fins'].label} the robot swims {recovered} in {seconds:g}\u00a0s "
+        f"instead of {damaged}."
     )
     numbers = (
         (healthy, f"healthy, in {seconds:g} s"),
@@ -101,7 +104,8 @@ def report_page(
     )
     rule = (
         f"Shown is seed {job.seed} of {count} replicates, by a rule: the one with the median gain "
-        "of the new gait (joint-fins) over the old one, from the zero pose on the damaged robot."
+        f"of the new gait ({TREATMENTS['joint-fins'].label}) over the old one, from the zero pose "
+        "on the damaged robot."
     )
     estimates, knowledge = _self_knowledge(job, ours)
     plain = {
@@ -128,11 +132,17 @@ def report_page(
         ),
     }
     pictures = {
-        name: f'<img alt="{caption}" src="data:image/svg+xml;base64,'
-        f'{base64.b64encode(figures[name]).decode()}">'
+        name: f'<picture><source media="{NARROW_SCREEN}" '
+        f'srcset="{_svg(figures[f"{name}-narrow"])}">'
+        f'<img alt="{caption}" src="{_svg(figures[name])}"></picture>'
         for name, caption in _PICTURES.items()
     }
     return whole_page(title, _BODY.substitute(parts | pictures), _STYLE)
+
+
+def _svg(content: bytes) -> str:
+    """Return a picture as an address that contains it."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(content).decode()}"
 
 
 def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:

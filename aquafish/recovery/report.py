@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS
+from aquafish_gym.physics.robot import NOSE
+from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.runs.markdown import markdown_table
 from eea.study.statistics import (
     FEWEST_VALUES,
@@ -16,7 +18,6 @@ from eea.study.statistics import (
     summary_statistics,
 )
 
-UNIT_IN_M = 0.05
 HELD_OUT = "held-out"  # instead of a damage, if each replicate has another one
 # Recovered gaits against the old one and one for any damage, joint inference against the paper's
 # method, with against without known fins, and each oracle against its self-model.
@@ -53,7 +54,7 @@ def build_report(
         "config": config,
         "code": code,
         "seeds": [outcome["seed"] for outcome in outcomes["oracle"]],
-        "unit_in_m": UNIT_IN_M,
+        "unit_in_m": CM_PER_UNIT / 100,
         "treatments": {
             name: _summary(config, outcomes, name) for name in TREATMENTS if name in outcomes
         },
@@ -178,8 +179,8 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     parts = [
         "# Damage recovery",
         f"{_damage_line(report)} Each row has another gait, which swam for "
-        f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). Distances "
-        "forward are in units of 5 cm; the robot is 4 units long.",
+        f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). The robot is "
+        f"{CM_PER_UNIT * 2 * NOSE:g} cm long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST_VALUES else ''}. "
         f"Trials on the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise "
@@ -191,10 +192,13 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
         return "\n\n".join(parts) + "\n"
     parts += [
         "*Own model* is the body that the gait was evolved for. *Random poses* is the mean over "
-        f"{swims['poses']} swims from random fin angles, which the robot does not observe. *Share* "
-        "is relative to the oracle with the same search and senses. The self-models start from "
-        "random bodies.",
-        "\n".join(f"- **{name}**: {TREATMENTS[name].description}" for name in report["treatments"]),
+        f"{swims['poses']} swims from random fin angles, which the robot does not observe. An "
+        "*oracle* is given the true body, and searches its gait by the same method with the same "
+        "senses. The self-models start from random bodies.",
+        "\n".join(
+            f"- **{TREATMENTS[name].label}** (`{name}`): {_description(name)}"
+            for name in report["treatments"]
+        ),
     ]
     diverged = sum(row["diverged_swims"] for row in report["treatments"].values())
     if diverged:
@@ -206,6 +210,14 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     return "\n\n".join(parts) + "\n"
 
 
+def _description(name: str) -> str:
+    """Return what a treatment is, and which oracle it is compared with."""
+    spec = TREATMENTS[name]
+    if spec.oracle == name:
+        return spec.description
+    return f"{spec.description}. Its oracle: {TREATMENTS[spec.oracle].label}"
+
+
 def _damage_line(report: dict[str, Any]) -> str:
     if report["config"]["damage"] == HELD_OUT:
         each = [o["damage"] for o in next(iter(report["replicates"].values()))]
@@ -215,28 +227,63 @@ def _damage_line(report: dict[str, Any]) -> str:
 
 def headline(report: dict[str, Any]) -> list[str]:
     """Return one sentence on the result of each way to recover."""
-    count, rows = len(report["seeds"]), report["treatments"]
-    wins = {(r["first"], r["second"], r["measure"]): r["wins"] for r in report["paired"]}
-    found = []
-    for ours in (name for name in RECOVERY_TREATMENTS if name in rows):
-        old, any_damage = (
-            " and ".join(f"{wins[ours, other, measure]} of {count}" for measure in MEASURES)
-            for other in ("undamaged", "randomised")
-        )
-        found.append(
-            f"**{ours}**: after {rows[ours]['trials']} trials the gait beats the old one in {old} "
-            "replicates (from the zero pose and from random poses), and the one for any damage in "
-            f"{any_damage}; {_share_in_words(rows[ours])}."
-        )
+    rows = report["treatments"]
+    sentence = _comparison if len(report["seeds"]) > 1 else _single_result
+    found = [
+        f"**{TREATMENTS[name].label}**: after {rows[name]['trials']} trials the gait "
+        f"{sentence(report, name)}."
+        for name in RECOVERY_TREATMENTS
+        if name in rows
+    ]
     if "direct" in rows:
-        hours = [known for known in rows["direct"]["robot_hours"] if known is not None]
-        after = f", after a median of {np.median(hours):.1f} hours of swimming" if hours else ""
-        total = rows["direct"]["trials"] * report["config"]["transfer"]["seconds"] / 3600
-        found.append(
-            f"**direct**: a search on the robot itself reaches joint inference's gait in "
-            f"{len(hours)} of {count} replicates{after}, of {total:.0f} hours."
-        )
+        found.append(f"**{TREATMENTS['direct'].label}**: {_direct_result(report)}.")
     return found
+
+
+def _single_result(report: Mapping[str, Any], name: str) -> str:
+    """Return how far the gait of the only replicate swims, and how far others do."""
+    field = "target_distance_random_poses"
+    far = {
+        other: f"{CM_PER_UNIT * row[field]:z.0f} cm" for other, row in report["treatments"].items()
+    }
+    oracle = TREATMENTS[name].oracle
+    return (
+        f"swims {far[name]} from random poses; {TREATMENTS['undamaged'].label} swims "
+        f"{far['undamaged']}, {TREATMENTS['randomised'].label} {far['randomised']}, and that of "
+        f"the oracle, {TREATMENTS[oracle].label}, {far[oracle]}"
+    )
+
+
+def _comparison(report: Mapping[str, Any], name: str) -> str:
+    """Return in how many replicates a gait is the better one, and its share of the oracle's."""
+    count = len(report["seeds"])
+    wins = {(r["first"], r["second"], r["measure"]): r["wins"] for r in report["paired"]}
+    old, any_damage = (
+        " and ".join(f"{wins[name, other, measure]} of {count}" for measure in MEASURES)
+        for other in ("undamaged", "randomised")
+    )
+    return (
+        f"beats the old one in {old} replicates (from the zero pose and from random "
+        f"poses), and the one for any damage in {any_damage}; "
+        f"{_share_in_words(report['treatments'][name])}"
+    )
+
+
+def _direct_result(report: Mapping[str, Any]) -> str:
+    """Return how long a search on the robot takes to equal joint inference's gait."""
+    row = report["treatments"]["direct"]
+    hours = [known for known in row["robot_hours"] if known is not None]
+    total = row["trials"] * report["config"]["transfer"]["seconds"] / 3600
+    count = len(report["seeds"])
+    if count == 1:
+        if not hours:
+            return f"it does not reach the gait of joint inference in {total:.0f} hours"
+        return f"it reaches the gait of joint inference after {hours[0]:.1f} hours of swimming"
+    after = f", after a median of {np.median(hours):.1f} hours of swimming" if hours else ""
+    return (
+        f"it reaches the gait of joint inference in {len(hours)} of {count} replicates{after}, of "
+        f"{total:.0f} hours"
+    )
 
 
 def _share_in_words(row: Mapping[str, Any]) -> str:
@@ -253,38 +300,42 @@ def _share_in_words(row: Mapping[str, Any]) -> str:
 
 
 def _main_rows(treatments: dict[str, Any], intervals: bool) -> TextTable:
-    columns = (  # field, header, form
-        ("trials", "trials", "d"),
-        ("objective_fitness", "OBJ_FIT", ".3f"),
-        ("native_distance", "own model", ".1f"),
-        ("target_distance", "target", ".1f"),
-        ("share_of_oracle", "share", ".0%"),
-        ("target_distance_random_poses", "target, random poses", ".1f"),
-        ("share_of_oracle_random_poses", "share", ".0%"),
+    columns = (  # field, header, form, scale
+        ("trials", "trials", "d", 1),
+        ("objective_fitness", "OBJ_FIT", ".3f", 1),
+        ("native_distance", "own model, cm", "z.0f", CM_PER_UNIT),
+        ("target_distance", "target, cm", "z.0f", CM_PER_UNIT),
+        ("share_of_oracle", "share of its oracle", ".0%", 1),
+        ("target_distance_random_poses", "target, random poses, cm", "z.0f", CM_PER_UNIT),
+        ("share_of_oracle_random_poses", "share of its oracle", ".0%", 1),
     )
-    rows = [["gait for", *(header for _, header, _ in columns)]]
+    rows = [["gait", *(header for _, header, _, _ in columns)]]
     for name, row in treatments.items():
         spread = row["spread"] if intervals else {}
         ends = {field: found.get("interval") for field, found in spread.items()}
-        rows.append([name, *(_number(row[f], ends.get(f), form) for f, _, form in columns)])
+        cells = [_number(row[field], ends.get(field), *rest) for field, _, *rest in columns]
+        rows.append([TREATMENTS[name].label, *cells])
     return rows
 
 
 def _paired_rows(rows: list[dict[str, Any]]) -> TextTable:
-    return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
+    return [["on the target", "is better than", "in", "sign test", "by, cm"]] + [
         [
-            f"{row['first']}, {MEASURES[row['measure']]}",
-            row["second"],
+            f"{TREATMENTS[row['first']].label}, {MEASURES[row['measure']]}",
+            TREATMENTS[row["second"]].label,
             f"{row['wins']} of {row['replicates']}",
             f"p = {row['sign_test_p']:.2g}",
-            _number(row["mean"], row["interval"], ".1f"),
+            _number(row["mean"], row["interval"], "z.0f", CM_PER_UNIT),
         ]
         for row in rows
     ]
 
 
-def _number(value: float | None, interval: Sequence[float] | None, form: str) -> str:
+def _number(
+    value: float | None, interval: Sequence[float] | None, form: str, scale: int = 1
+) -> str:
     if value is None:
         return "none"
     low, high = interval or (0.0, 0.0)
-    return f"{value:{form}}" + (f" [{low:{form}}, {high:{form}}]" if low < high else "")
+    text = f"{scale * value:{form}}"
+    return f"{text} [{scale * low:{form}}, {scale * high:{form}}]" if low < high else text

@@ -34,7 +34,7 @@ PATH_DECIMALS = 6  # of a path's numbers, as many as a float32 holds
 class TreatmentSpec(NamedTuple):
     """The body that a treatment evolves its gait for, and the search."""
 
-    label: str  #: Short, for figures.
+    label: str  #: What people read, in tables, sentences, figures and progress.
     description: str
     search: Literal["neat", "best", "fins", "direct"]
     model: Condition | None = None  #: The method that infers the body.
@@ -46,28 +46,28 @@ class TreatmentSpec(NamedTuple):
 # The oracles know the damage, which no robot does: upper bounds for self-models.
 TREATMENTS: dict[str, TreatmentSpec] = {
     "undamaged": TreatmentSpec(
-        "the old body", "the gait from before the damage", "best", body="healthy"
+        "the old gait", "the gait from before the damage", "best", body="healthy"
     ),
     "randomised": TreatmentSpec(
-        "any damage",
-        "one gait for the healthy body and many randomly damaged ones, without a self-model",
+        "one gait for any damage",
+        "a gait for the healthy body and many randomly damaged ones, without a self-model",
         "best",
         body="any",
     ),
     "direct": TreatmentSpec(
-        "direct search", "a search on the damaged robot itself; every swim costs robot time",
+        "search on the robot", "CMA-ES on the damaged robot itself; every swim costs robot time",
         "direct",
     ),
     "none": TreatmentSpec(
-        "plain EEA's model",
+        "plain EEA",
         "the model of plain EEA, which assumes that the fins start at zero, and NEAT",
         "neat",
         "none",
         oracle="oracle-neat",
     ),
     "out-of-band": TreatmentSpec(
-        "Out-of-Band's model",
-        "the paper's method: the model of Out-of-Band EEA, which infers the initial fin angles, "
+        "the paper's method",
+        "the model of Out-of-Band EEA, which infers the initial fin angles, "
         "and NEAT",
         "neat",
         "out-of-band",
@@ -81,7 +81,7 @@ TREATMENTS: dict[str, TreatmentSpec] = {
         "joint",
     ),
     "joint-fins": TreatmentSpec(
-        "joint, fins known",
+        "joint inference (fins known)",
         "the same, with a gait that observes the fin angles: the self-model gives their initial "
         "values, and the commands are integrated",
         "fins",
@@ -100,13 +100,13 @@ TREATMENTS: dict[str, TreatmentSpec] = {
         online=True,
     ),
     "oracle-neat": TreatmentSpec(
-        "the true body, NEAT", "the true body, and NEAT", "neat", oracle="oracle-neat"
+        "true body (NEAT)", "the true body, and NEAT", "neat", oracle="oracle-neat"
     ),
     "oracle": TreatmentSpec(
-        "the true body", "the true body: the upper bound for a self-model", "best"
+        "true body", "the true body, which no robot knows: the upper bound for a self-model", "best"
     ),
     "oracle-fins": TreatmentSpec(
-        "the true body and fins", "the true body, and the true fin angles", "fins",
+        "true body (fins known)", "the true body, and the true fin angles", "fins",
         oracle="oracle-fins",
     ),
 }  # fmt: skip
@@ -131,7 +131,7 @@ class Treatment:
     @property
     def name(self) -> str:
         """For people."""
-        return f"seed {self.seed}, {self.treatment}"
+        return f"seed {self.seed}, {self.spec.label}"
 
     @property
     def folder(self) -> str:

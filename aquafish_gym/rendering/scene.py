@@ -62,7 +62,7 @@ _AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 _UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
 _RIM = 0.12  # length of a break, and distance by which it exceeds its fin
-_LOST = 0.3  # size of the break where a whole fin is missing
+_LOST = 0.16  # size of the break where a whole fin is missing: too small to pass for a fin
 
 
 class DrawnPart(NamedTuple):

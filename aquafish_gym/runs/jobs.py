@@ -122,7 +122,7 @@ def run_jobs(
 
     tries = 0
     try:
-        with _progress(len(left), len(jobs)) as report:
+        with _progress(left, len(jobs)) as report:
             while left:
                 try:
                     run_left(report)
@@ -209,8 +209,11 @@ def _answer(future: Future[tuple[bytes | None, str]]) -> tuple[bytes | None, str
 
 
 @contextmanager
-def _progress(total: int, jobs: int) -> Iterator[Report]:
-    """Show a bar on a terminal, or a line for each finished job and each half minute elsewhere."""
+def _progress(left: Sequence[JobLike], jobs: int) -> Iterator[Report]:
+    """Show a bar on a terminal, or a line for each finished job and each half minute elsewhere.
+
+    ``left`` shrinks as jobs end: its first is the one that has run the longest.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -224,6 +227,7 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
     console = Console(stderr=True)
     columns = (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     text = TextColumn("{task.description}", markup=False)
+    total = len(left)
     done = 0
     began = time.monotonic()
     said = time.monotonic()
@@ -241,8 +245,8 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
 
         def beat() -> None:
             now = time.monotonic()
-            if bar.disable and now - said >= SILENT_SECONDS:
-                report(f"{done}/{total}  {now - began:.0f} s; the next jobs still run", 0)
+            if bar.disable and left and now - said >= SILENT_SECONDS:
+                report(f"{done}/{total}  {now - began:.0f} s; {left[0].name} still runs", 0)
 
         if total:
             report(f"{jobs} jobs, {jobs - total} done already, {total} to do; {COMPILING}", 0)

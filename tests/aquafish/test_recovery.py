@@ -81,8 +81,9 @@ def again(study: Path, tmp_path: Path) -> Path:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no figures, which take longer than all else."""
     drawn = [f"{name}.png" for name in PICTURES]
-    svgs = dict.fromkeys(("sizes", "distances"), b"<svg/>")
-    monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: (drawn, svgs))
+    names = ("sizes", "distances", "sizes-narrow", "distances-narrow")
+    svgs = dict.fromkeys(names, b"<svg/>")
+    monkeypatch.setattr(figures, "draw_all", lambda *_args, **_options: (drawn, svgs))
 
 
 def test_the_report_holds_every_treatment(study: Path) -> None:
@@ -161,7 +162,7 @@ def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[in
         assert page.value("document.images.length") == 2
         title = page.value("document.querySelector('h1').textContent")
         assert title.startswith("The left flipper has 50% of its length.")
-        assert "joint-fins" in title  # a row of the plot below
+        assert "joint inference (fins known)" in title  # a row of the plot below
         edges = "[...document.images].map(image => image.getBoundingClientRect().right)"
         assert max(page.value(edges)) <= size[0]  # whole, not cut off
         assert page.value("document.documentElement.scrollWidth") <= size[0]
@@ -292,6 +293,13 @@ def test_redraw_adds_the_film(again: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert done.returncode == 0, done.stderr
     with Image.open(again / "film.webp") as drawn:
         assert drawn.n_frames > 10
+    assert "(film.webp)" in (again / "report.md").read_text()
+    (again / "film.mp4").unlink(missing_ok=True)
+    drawn_again = []
+    monkeypatch.setattr(figures, "film", lambda _swims, path, *_: drawn_again.append(path.name))
+    with jobs_in_process():
+        assert recover(again, *words, "--replicates", "2").returncode == 0
+    assert "film.webp" not in drawn_again
     assert "(film.webp)" in (again / "report.md").read_text()
 
 

@@ -70,7 +70,10 @@ def test_the_headline_follows_from_the_numbers(report: dict[str, Any], gain: flo
     text = to_markdown(build_report(report["config"] | {"joint_rounds": 3}, [], outcomes))
     wins = {5.0: "10 of 10", -50.0: "0 of 10"}
     if gain:
-        assert f"**joint**: after 3 trials the gait beats the old one in {wins[gain]}" in text
+        assert (
+            f"**joint inference**: after 3 trials the gait beats the old one in {wins[gain]}"
+            in text
+        )
     else:
         assert "it swims 100% and 100% as far as the gait for the true body (neither sig" in text
 
@@ -80,7 +83,7 @@ def test_the_report_is_of_the_finished_treatments(report: dict[str, Any]) -> Non
     fewer = build_report(report["config"], [], {n: report["replicates"][n] for n in some})
     assert list(fewer["treatments"]) == some
     assert fewer["paired"] == []
-    assert "**out-of-band**" not in to_markdown(fewer)
+    assert "the paper's method" not in to_markdown(fewer)
 
 
 def test_diverged_swims_are_counted(report: dict[str, Any]) -> None:
@@ -89,3 +92,18 @@ def test_diverged_swims_are_counted(report: dict[str, Any]) -> None:
     outcomes["none"][0]["diverged"] = outcomes["oracle"][3]["diverged"] = 1
     text = to_markdown(build_report(report["config"], [], outcomes))
     assert "diverged and count as 0 units: 2." in text
+
+
+def test_the_report_of_one_replicate_says_how_far_each_gait_swims(report: dict[str, Any]) -> None:
+    one = {name: several[:1] for name, several in report["replicates"].items()}
+    text = to_markdown(build_report(report["config"], [], one))
+    assert "1 of 1" not in text.partition("## Within")[0]
+    far = {
+        name: f"{5 * np.mean(several[0]['target_random_distances']):z.0f} cm"
+        for name, several in one.items()
+    }
+    assert (
+        f"**joint inference**: after 2 trials the gait swims {far['joint']} from random poses; the "
+        f"old gait swims {far['undamaged']}, one gait for any damage {far['randomised']}, and that "
+        f"of the oracle, true body, {far['oracle']}."
+    ) in text

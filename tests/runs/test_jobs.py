@@ -97,7 +97,7 @@ def test_long_jobs_are_not_silent(tmp_path, capfd, monkeypatch):
     assert run_jobs(JOBS[:1], slow, tmp_path, count=1) == []
     first, *lines = capfd.readouterr().err.splitlines()
     assert first.startswith("1 jobs, 0 done already, 1 to do; what is not compiled yet")
-    assert sum("s; the next jobs still run" in line for line in lines) >= 2
+    assert sum("s; count 0 still runs" in line for line in lines) >= 2
     assert lines[-1].startswith("1/1  count 0")
     assert run_jobs(JOBS[:1], slow, tmp_path, count=1) == []
     assert capfd.readouterr().err == ""
