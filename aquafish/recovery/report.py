@@ -313,7 +313,9 @@ def _main_rows(treatments: dict[str, Any], intervals: bool) -> TextTable:
     for name, row in treatments.items():
         spread = row["spread"] if intervals else {}
         ends = {field: found.get("interval") for field, found in spread.items()}
-        cells = [_number(row[field], ends.get(field), *rest) for field, _, *rest in columns]
+        cells = [
+            _number(row[field], ends.get(field), form, scale) for field, _, form, scale in columns
+        ]
         rows.append([TREATMENTS[name].label, *cells])
     return rows
 
