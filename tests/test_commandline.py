@@ -20,6 +20,7 @@ import pytest
 from rich.console import Console
 from tyro.conf import arg
 
+import aquafish.cli
 from aquafish_gym.runs.command_line import AnyDamage, read_morphology, run_command_line
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
@@ -528,3 +529,22 @@ def test_devices_pipes_and_huge_files_are_refused(tmp_path: Path) -> None:
     for path in (Path("/dev/zero"), pipe, tmp_path, large):
         with pytest.raises(InvalidArgumentError, match="body must"):
             read_morphology(path, "body")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--hlep", "unknown option --hlep; did you mean --help?"),
+        ("page --out x", "unknown option --out; must be --html"),
+        ("study --xyzzy 3", "unknown option --xyzzy: see --help"),
+        (
+            "infer --log examples/logs/swim.csv --between 3",
+            "between must be two times, s, the second later; got 3",
+        ),
+    ],
+)
+def test_a_mistyped_command_says_what_is_right(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert aquafish.cli.main(words.split()) == 2
+    assert capsys.readouterr().err == f"aquafish: {said}\n"

@@ -63,6 +63,7 @@ BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraE
 FAILED = 1
 REFUSED = 2
 INTERRUPTED = 130
+_LISTED_OPTIONS = 4  # in the message on an unknown one
 RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.
@@ -112,7 +113,7 @@ EpisodeDamage = Annotated[
     str,
     arg(
         metavar="DAMAGE",
-        help=f"Damage during training: {_ANY_DAMAGE} Or {_TIERS}: a new draw in each episode.",
+        help=f"Damage of each episode: {_ANY_DAMAGE} Or {_TIERS}: a new draw in each episode.",
     ),
 ]
 # An option's settings: tyro takes lists of damages.
@@ -122,7 +123,7 @@ FILMED_DAMAGE = arg(
 )
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba"],
-    arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),
+    arg(help="Engine of the robot; auto is PyBullet where it is installed, else numba."),
 ]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
 
@@ -275,6 +276,10 @@ def _chosen(
     if not words or words[0] in (*SHORT_HELP, *FULL_HELP):
         print(commands_help(prog, commands), file=sys.stdout if words else sys.stderr)
         raise SystemExit(0 if words else REFUSED)
+    if words[0].startswith("-"):
+        raise InvalidArgumentError(
+            _unknown_option(words[0], (*FULL_HELP, *SHORT_HELP, "--version"))
+        )
     name = one_of("the command", words[0], commands)
     place = commands[name][0]
     command = resolve_name(place) if isinstance(place, str) else place
@@ -341,8 +346,7 @@ def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
         if not found[1].startswith("-"):
             hint = f"; did you mean {lacking[0]} {found[1]}?" if lacking else ""
             return f"unexpected argument {found[1]!r}{hint}"
-        nearest = difflib.get_close_matches(found[1], options, n=1)
-        return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
+        return _unknown_option(found[1], options)
     if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
         kind = "a whole number" if found[2] == "int" else "a number"
         return f"{found[1]} must be {kind}; got {found[3]!r}"
@@ -357,6 +361,17 @@ def _one_line(box: str, command: type[Command], words: Sequence[str]) -> str:
     if message.startswith("Missing from ") and lacking:
         return f"{' and '.join(lacking)} must be given: see --help"
     return message
+
+
+def _unknown_option(word: str, options: Iterable[str]) -> str:
+    """Return the sentence on an option that does not exist: the nearest one, or all of a few."""
+    known = [one for one in dict.fromkeys(options) if one not in (*SHORT_HELP, *FULL_HELP)]
+    nearest = difflib.get_close_matches(word, [*known, *SHORT_HELP, *FULL_HELP], n=1)
+    if nearest:
+        return f"unknown option {word}; did you mean {nearest[0]}?"
+    if len(known) <= _LISTED_OPTIONS:
+        return f"unknown option {word}; must be {' or '.join(known)}"
+    return f"unknown option {word}: see --help"
 
 
 def _in_order(choices: Sequence[str], command: type[Command]) -> list[str]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from tyro.conf import arg
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import (
-    BodyFile,
     OptionalOut,
     Threads,
     check_threads,
@@ -57,7 +59,8 @@ class Infer:
     #: "--nuisances" alone: none.
     nuisances: tuple[str, ...] | None = None
     seed: int = 0  #: Seed of everything random.
-    truth: BodyFile = None
+    truth: Annotated[Path | None, arg(metavar="FILE")] = None
+    """JSON file of the true body, if it is known: the report then has the errors."""
     threads: Threads = None
 
     def execute(self) -> None:

@@ -328,12 +328,13 @@ def read_log(
     names = _checked_map(columns)
     part = None
     if between is not None:
-        begin, end = finite_array("between", between, (2,), 0.0).tolist()
-        if begin >= end:
+        times = finite_array("between", between, (None,), 0.0).tolist()
+        if len(times) != 2 or times[0] >= times[1]:
             raise InvalidArgumentError(
-                f"between must be two times, s, the second later; got {begin:g} and {end:g}"
+                "between must be two times, s, the second later; got "
+                + (" and ".join(f"{one:g}" for one in times) or "none")
             )
-        part = (begin, end)
+        part = (times[0], times[1])
     recording = read_recording(path)
     try:
         found = align(recording, QUANTITIES, names, part, LONGEST_GAP_SECONDS)

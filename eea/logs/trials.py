@@ -206,7 +206,8 @@ def _parts(between: Any) -> list[tuple[float, float]]:
         if isinstance(between, np.ndarray)
         else isinstance(next(iter(sequence("between", between)), None), list | tuple | np.ndarray)
     )
-    rows = finite_array("between", between, (None, 2) if several else (2,), 0.0).reshape(-1, 2)
+    times = finite_array("between", between, (None, 2) if several else (None,), 0.0)
+    rows = times.reshape(-1, 2) if several or len(times) == 2 else np.empty((0, 2))
     if not len(rows) or (rows[:, 0] >= rows[:, 1]).any():
         raise InvalidArgumentError(
             "between must be two times, s, the second later, or several such pairs; got "

@@ -130,7 +130,7 @@ class EvolveConfig:
     """Number of searches that start, of which the best goes on; default 6."""
     generations: int | None = None
     """Generations of each start of NEAT, default 12; or, over all its stages, of the start of
-    CMA-ES that goes on to the end, default 740."""
+    CMA-ES that goes on to the end, default 740. The progress also counts the other starts."""
     random_candidates: int | None = None
     """Random networks from which CMA-ES chooses its starts; default 1200."""
     cma_generations: int | None = None
