@@ -91,6 +91,12 @@ def found_function(place: str) -> Callable[..., Any]:
     if not callable(getattr(module, name, None)):
         choice(f"the function of method {place}", name, functions or ["a function"])
     function: Callable[..., Any] = getattr(module, name)
+    try:
+        inspect.signature(function).bind("robot", "rounds", "seed", "settings")
+    except TypeError as error:
+        raise ConfigurationError(
+            f"method {place} must take (robot, rounds, seed, settings); {error}"
+        ) from None
     return function
 
 

@@ -189,6 +189,9 @@ def nothing(target, rounds, seed, settings):
 
 def joint(target, rounds, seed, settings):
     pass
+
+def without_settings(target, rounds, seed):
+    pass
 """
 
 
@@ -275,6 +278,7 @@ def clear_hashes():
         ("methods_of_mine:nan", "the body of round 1 of methods_of_mine:nan must be finite"),
         ("methods_of_mine:short", r"the body of round 1 of .*short must .*\(9,\)"),
         ("methods_of_mine:large", "must have left_pectoral.width of .* units; got 500"),
+        ("methods_of_mine:without_settings", r"must take \(robot, rounds, seed, settings\); too m"),
         ("methods_of_mine:nothing", "a body in each of 2 rounds; got NoneType"),
     ],
 )
