@@ -42,12 +42,13 @@ def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:
         assert row["ratio"] == pytest.approx(row["rate"] / reference["rate"])
 
 
-SLOW = ("widths", "tasks", "pictures")  # that compile kernels of their own, or draw
+MARKS = {
+    **dict.fromkeys(("widths", "tasks", "pictures"), pytest.mark.slow),  # they compile, or draw
+    **dict.fromkeys(("bodies", "learning"), pytest.mark.pybullet),  # they compare with it
+}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in GROUPS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in GROUPS])
 def test_every_group_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])

@@ -95,6 +95,7 @@ def swim(task: Task | None, scenario: Scenario, how: str = "compiled", **more: A
     )  # fmt: skip
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("scenario", [whole(), broken()], ids=["whole", "broken"])
 @pytest.mark.parametrize("task", [*TASKS, None], ids=lambda task: type(task).__name__)
 def test_compiled_loop_agrees_with_the_plain_one_on_every_engine(

@@ -125,7 +125,10 @@ STARTS: dict[str, Callable[[Scenario], object]] = {
 }
 
 
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize(
+    "start",
+    [pytest.param(one, marks=pytest.mark.pybullet) if "pybullet" in one else one for one in STARTS],
+)
 def test_no_swim_begins_before_the_angles_are_drawn(start: str) -> None:
     with pytest.raises(InvalidArgumentError, match=r"robot 0 has a dead caudal servo.*draw_angles"):
         STARTS[start](dead())

@@ -190,6 +190,7 @@ def test_a_vector_environment_records_each_robot_that_diverges(folder: Path) -> 
         assert json.loads(other.read_text())["fin_angles"] == arguments["fin_angles"]
 
 
+@pytest.mark.pybullet
 def test_worlds_of_a_batch_on_pybullet_are_recorded(folder: Path) -> None:
     env = AquaFishVectorEnv(2, engine="pybullet", morphology=THIN, current=ROUGH)
     env.reset(seed=[STEADY_SEED, DIVERGING_SEED])

@@ -172,6 +172,7 @@ def scheduled(lag: float = 0.0) -> Scenario:
     return with_changes(whole, [(20, one, finless), (35, other, weak)])
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("lag", [0.0, 0.037])
 def test_engines_agree_on_a_schedule(lag: float) -> None:
     scenario = scheduled(lag).take(slice(0, 6))

@@ -49,6 +49,7 @@ def test_servo_angles_integrate_the_series(engine: str) -> None:
     assert_allclose(apart, 0.0, atol=1e-9)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("lag", [0.0, LAGS])
 def test_the_engines_agree_on_series(lag: Any) -> None:
     options: dict[str, Any] = {"lag": lag, "servo_gain": GAINS}
@@ -94,12 +95,23 @@ def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
         ({"begun": -1}, "begun must be a whole number of at least 0"),
         ({"spin": (0.0, 0.0, 101.0)}, r"spin\[0, 2\] must lie in"),
         ({"velocity": np.zeros((2, 3))}, "velocity and spin must be equally many"),
-        ({"engine": "pybullet", "begun": 3}, 'begun must be 0 .* "pybullet"'),
-        ({"engine": "pybullet", "dtype": "float32"}, "dtype must be \"float64\" .* 'float32'"),
-        ({"engine": "pybullet", "threads": 2}, "threads None .* got 'float64' and 2"),
         ({"commands": SERIES[:, 0]}, r"interval must be 1 for commands that are held throughout"),
     ],
 )
 def test_wrong_series_is_refused(wrong: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidArgumentError, match=says):
         swim(**wrong)
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"begun": 3}, 'begun must be 0 .* "pybullet"'),
+        ({"dtype": "float32"}, "dtype must be \"float64\" .* 'float32'"),
+        ({"threads": 2}, "threads None .* got 'float64' and 2"),
+    ],
+)
+def test_what_pybullet_has_not_is_refused(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=says):
+        swim(engine="pybullet", **wrong)

@@ -69,6 +69,7 @@ def test_a_spec_survives_json() -> None:
     assert two_info["morphology"].tolist() == [0.4, 0.8, 0.1, 0, 0, 0, 0.1, 2.0, 1.0]
 
 
+@pytest.mark.pybullet
 def test_both_engines_are_the_same_environment() -> None:
     envs = [make(engine=e, damage="caudal:length=0.5", fin_angles="random") for e in ENGINES]
     rng = np.random.default_rng(0)

@@ -246,6 +246,7 @@ def random_controller(interval: int) -> Controller:
     )
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("interval", range(1, 21))
 def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int) -> None:
     """4.2 s are no whole number of most intervals."""
@@ -289,6 +290,7 @@ WORLDS_OF_SWIMS = [
 ]
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("damage", WORLDS_OF_SWIMS)
 @pytest.mark.parametrize("interval", range(1, 21))
 def test_swim_scores_and_evaluate_are_the_same_swim(interval: int, damage: str) -> None:

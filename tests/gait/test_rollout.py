@@ -45,6 +45,7 @@ def make(name: str, seed: int = 0, **changes: Any) -> Controller:
     return Controller.from_dict(controller)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("world", [WorldConfig(), ODD, replace(ODD, reactive=True), LATE])
 def test_engines_swim_alike(world: WorldConfig) -> None:
     controller = make_controller(1, 15)

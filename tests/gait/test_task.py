@@ -103,6 +103,7 @@ class MyReturn(ReturnToBuoys):
     """The same, which can end in success."""
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("damage", [None, "random:moderate@1-3", "gyro:noise=0.1; caudal:dead"])
 @pytest.mark.parametrize("mine", [MyForward, MyWaypoints, MyReturn])
 def test_a_task_of_ones_own_scores_as_the_compiled_one(mine: Any, damage: str | None) -> None:

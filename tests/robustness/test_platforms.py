@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 CODE = """
 import importlib
 import os
@@ -104,6 +106,7 @@ for use in (
 """
 
 
+@pytest.mark.pybullet
 def test_without_numbas_compiler_a_sentence_says_so() -> None:
     found = subprocess.run(
         [sys.executable, "-c", WITHOUT_COMPILER],

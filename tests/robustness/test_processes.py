@@ -23,6 +23,7 @@ CONTEXTS = [c for c in ("spawn", "fork") if c in multiprocessing.get_all_start_m
 CLONES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("context", CONTEXTS)
 def test_asynchronous_environments_answer_as_in_process(context: str) -> None:
     here = [make() for make in MAKERS]
@@ -86,6 +87,7 @@ env.close()
 """
 
 
+@pytest.mark.pybullet
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_leaves_the_parents_world_alone() -> None:
     done = subprocess.run(
@@ -98,6 +100,7 @@ def test_a_fork_leaves_the_parents_world_alone() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_pybullet_environment_refuses_to_be_copied_once_begun(begun: bool) -> None:
     env = gym.make("AquaFish-v0", engine="pybullet")
@@ -113,6 +116,7 @@ def test_a_pybullet_environment_refuses_to_be_copied_once_begun(begun: bool) -> 
     copy.deepcopy(env).reset(seed=0)  # closed, it holds no world
 
 
+@pytest.mark.pybullet
 def test_an_interrupted_step_leaves_other_worlds_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C may come inside PyBullet; reset() makes that environment whole again."""
     import pybullet
