@@ -18,7 +18,7 @@ test test-slow: export OMP_NUM_THREADS ?= 1
 # Formats and lints JavaScript; biome.json has its settings.
 BIOME := npx --yes @biomejs/biome@2.6.8
 
-.PHONY: recover test test-slow lint verify verify-inference bench pages docs wheel lowest clean
+.PHONY: recover results test test-slow lint verify verify-inference bench pages docs wheel lowest clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
@@ -48,6 +48,10 @@ verify-inference: $(VENV)/.installed-test
 
 bench: $(VENV)/.installed-test
 	$(PY) -m instruments.benchmarks $(ARGS)
+
+# Makes the committed results that are not up to date; ARGS="--plan" only says how long it takes.
+results: $(VENV)/.installed-test
+	$(PY) -m experiments.results $(ARGS)
 
 # Fills the tables of README and docs from the committed results.
 pages: $(VENV)/.installed-test

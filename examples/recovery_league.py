@@ -2,19 +2,17 @@
 
     python examples/recovery_league.py --entrants self-model "PPO, fins" --episodes 10 --out DIR
 
-It runs from any folder, with the packages of this clone. ``experiments.league.command`` says what
-the entrants do and what DIR holds.
+It runs from any folder, with the packages of this clone: as its ``python -m experiments.league``.
+``experiments.league.command`` says what the entrants do and what DIR holds.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the clone, for ``experiments``
-
-from aquafish_gym.runs.command_line import run_command_line
-from experiments.league.command import League
-
 if __name__ == "__main__":
-    sys.exit(run_command_line("recovery_league", League))
+    paths = (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "experiments.league", *sys.argv[1:]])

@@ -24,6 +24,8 @@ from typing import Any
 from aquafish_gym.damage import TIERS
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
+from experiments.league.thresholds import meanings
+from experiments.results import provenance
 from instruments.inference.tables import make_tables
 from instruments.verification.report import tables_of
 from instruments.verification.tables import Table
@@ -63,7 +65,12 @@ def tiers() -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-TEXTS: dict[str, Callable[[], str]] = {"AquaFishEnv": environment, "tiers": tiers}
+TEXTS: dict[str, Callable[[], str]] = {
+    "AquaFishEnv": environment,
+    "provenance": provenance,
+    "thresholds": meanings,
+    "tiers": tiers,
+}
 REPORTS: dict[str, Callable[[dict[str, Any]], Mapping[str, Table]]] = {
     "physics/report.json": tables_of,
     "inference/report.json": make_tables,

@@ -1,36 +1,35 @@
-"""What the experiments share: tables of many jobs' results, and shortened searches."""
+"""What the experiments share: jobs in a folder, tables of their results, shortened searches."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from aquafish_gym.runs.jobs import Job, exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, write_manifest
+from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
 from gait.search.config import EvolveConfig
 
 
-def do_table(
+@contextmanager
+def experiment(
     jobs: Sequence[Job],
     work: Callable[[Job], dict[str, Any]],
     out: Path,
     kind: str,
     settings: dict[str, Any],
-    tabulate: Callable[[list[dict[str, Any]]], list[list[str]]],
-    workers: int | None,
-    pictures: tuple[str, ...] = (),
-    warm_up: Callable[[Sequence[Job]], object] = lambda _jobs: None,
+    outputs: Sequence[str] = (),
+    workers: int | None = None,
     scheduler: str | None = None,
-) -> list[list[str]]:
-    """Run all jobs in a folder; return the table of their results, written to ``table.md``.
+    warm_up: Callable[[Sequence[Job]], object] = lambda _jobs: None,
+) -> Iterator[tuple[Path, list[dict[str, Any]]]]:
+    """Run the missing jobs in a folder; yield it, still locked, and all results in their order.
 
-    ``tabulate`` takes the results in the order of the jobs. The
-    first column is aligned to the left, the others to the right. ``tabulate`` may draw
-    ``pictures``, of these names, in the folder. For ``kind`` and ``settings`` see
-    ``write_manifest``, for ``workers``, ``scheduler`` and ``warm_up`` ``run_jobs``.
+    For ``kind``, ``settings`` and ``outputs`` see ``write_manifest``, for the others ``run_jobs``.
 
     Raises
     ------
@@ -39,18 +38,20 @@ def do_table(
     """
     folder = ensure_writable_directory(out)
     with lock(folder):
-        write_manifest(folder, kind, settings, ("table.md", *pictures), work)
+        write_manifest(folder, kind, settings, outputs, work)
         failures = run_jobs(jobs, work, folder, count=workers, scheduler=scheduler, warm_up=warm_up)
         exit_if_failed(failures)
-        rows = tabulate([read_result(folder, job) or {} for job in jobs])
-        write_bytes(folder / "table.md", markdown(rows).encode())
-    return rows
+        yield folder, [read_result(folder, job) or {} for job in jobs]
 
 
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown; the first row is its head, only the first column is text."""
-    head, *body = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body, ""])
+def write_tables(folder: Path, tables: Mapping[str, Sequence[Sequence[str]]]) -> None:
+    """Write each table to NAME.md; the first column is text, the others are numbers.
+
+    ``times`` is the table of all that was measured in seconds, so that no other file differs
+    between two runs of the same jobs.
+    """
+    for name, rows in tables.items():
+        write_bytes(folder / f"{name}.md", f"{markdown_table(rows, words=1)}\n".encode())
 
 
 def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:

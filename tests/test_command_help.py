@@ -63,7 +63,7 @@ def test_all_commands_are_found() -> None:
         "experiments.league.archive", "experiments.league.policies", "experiments.reality_gap",
         "experiments.scores",
     }  # fmt: skip
-    assert {"recovery_league"} | experiments <= set(SCRIPTS)
+    assert experiments <= set(SCRIPTS)
 
 
 def test_help_has_an_example_that_parses(

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(rows: Sequence[Sequence[str]], words: int | None = None) -> str:
     """Return rows as a Markdown table; the first row is the head.
+
+    The first ``words`` columns are set to the left, the others, which are numbers, to the right;
+    all to the left by default.
 
     Examples
     --------
@@ -16,7 +19,8 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     | caudal | 0.8 |
     """
     head, *body = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
+    left = len(rows[0]) if words is None else words
+    return "\n".join([head, "|" + "---|" * left + "---:|" * (len(rows[0]) - left), *body])
 
 
 def shown_format(formats: Collection[str]) -> str:

@@ -21,7 +21,7 @@ from rich.table import Table
 from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.runs.command_line import Out
 from aquafish_gym.utils.validation import integer
-from experiments.tables import do_table, shortened
+from experiments.tables import experiment, shortened, write_tables
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
 BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *held_out("recovery"))
@@ -121,24 +121,26 @@ class Ceiling:
         ]
 
     def execute(self) -> None:
-        """Run the missing jobs, print a table, and write it to table.md."""
+        """Run the missing jobs, print a table, and write it to table.md, the times to times.md."""
         jobs = self.jobs()
         settings = {
             "divisor": self.budget_divisor,
             "searches": {k: asdict(c) for k, c in SEARCHES.items()},
         }
-        rows = do_table(
-            jobs, climb, self.out, "a table of gaits", settings,
-            lambda results: self._rows(jobs, results), self.workers,
-        )  # fmt: skip
+        outputs = ("table.md", "times.md")
+        with experiment(
+            jobs, climb, self.out, "a table of gaits", settings, outputs, self.workers
+        ) as (folder, results):
+            tables = self._tables(jobs, results)
+            write_tables(folder, tables)
         # Ten columns do not fit a terminal.
         table = Table("body", "units of 5 cm in 20 s: mean (SD over seeds)", show_lines=True)
-        for name, *numbers in rows[1:]:
+        for name, *numbers in tables["table"][1:]:
             cells = (f"{s}: {cell}" for s, cell in zip(self.searches, numbers, strict=True))
             table.add_row(name, "; ".join(cells))
         Console().print(table)
 
-    def _rows(self, jobs: list[Job], results: list[dict[str, Any]]) -> list[list[str]]:
+    def _tables(self, jobs: list[Job], results: list[dict[str, Any]]) -> dict[str, list[list[str]]]:
         found: dict[tuple[str, str], list[float]] = {}
         seconds: dict[str, list[float]] = {}
         for job, result in zip(jobs, results, strict=True):
@@ -148,8 +150,8 @@ class Ceiling:
         for damage in self.bodies:
             cells = [_cell(found[damage, name]) for name in self.searches]
             rows.append(["whole" if damage == "none" else damage, *cells])
-        rows.append(["CPU s a gait", *(f"{np.mean(seconds[name]):.0f}" for name in self.searches)])
-        return rows
+        times = ["CPU s a gait", *(f"{np.mean(seconds[name]):.0f}" for name in self.searches)]
+        return {"table": rows, "times": [["", *self.searches], times]}
 
 
 def _cell(values: list[float]) -> str:

@@ -13,7 +13,8 @@ successes. An agent of your own enters as a class with ``begin(fin_angles)`` and
 DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, pace.png, a file for each episode,
 and tables. The same command resumes.
 
-- table.md: the ways, and what was spent before the first episode; of the return, the successes.
+- table.md: the ways; of the return, the successes.
+- times.md: what was spent in an episode, and before the first one.
 - blind.md: each entrant's gain over *blind* in the same episodes, which is what recognising is
   worth; of the return, how often each returns where blind does not, and the reverse.
 - gain.md, which the return lacks: the self-model's gain over each entrant, and how often each
@@ -28,7 +29,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -39,7 +39,7 @@ from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.runs.command_line import Out
 from aquafish_gym.runs.jobs import finished
 from aquafish_gym.runs.workers import check_workers
-from aquafish_gym.utils.storage import write_bytes, write_document
+from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from experiments.league.entrants import CEILING, ENTRANTS, USUAL
 from experiments.league.episodes import (
@@ -64,7 +64,7 @@ from experiments.league.statistics import (
     summary,
 )
 from experiments.league.waters import Water
-from experiments.tables import do_table, markdown
+from experiments.tables import experiment, write_tables
 
 SCHEMA = "aquafish.league/3"
 HERO = "self-model"
@@ -157,18 +157,21 @@ class League:
             name: getattr(self, name)
             for name in ("noise", "water", "sensing", "seconds", "seeds", "first", "task")
         }
-        rows = do_table(
-            jobs, play, self.out, "a league", settings, partial(self._tabulate, jobs),
-            self.workers, ("league.json", "blind.md", "gain.md", "recognition.md", "pace.png"),
+        outputs = [f"{name}.md" for name in ("table", "times", "blind", "gain", "recognition")]
+        with experiment(
+            jobs, play, self.out, "a league", settings, (*outputs, "league.json", "pace.png"),
+            self.workers, self.scheduler,
             lambda missing: play(min(missing, key=_cpu)),  # compiles for all
-            self.scheduler,
-        )  # fmt: skip
-        for row in rows:
+        ) as (folder, results):  # fmt: skip
+            tables = self._tables(jobs, results)
+            write_tables(folder, tables)
+        for row in tables["table"]:
             print("  ".join(f"{cell:>20}" if i else f"{cell:26}" for i, cell in enumerate(row)))
 
-    def _tabulate(
+    def _tables(
         self, jobs: Sequence[Episode], results: Sequence[dict[str, Any]]
-    ) -> list[list[str]]:
+    ) -> dict[str, list[list[str]]]:
+        """Return the tables by name; write league.json and pace.png."""
         played: dict[tuple[str, str], list[Result]] = {}
         for job, result in zip(jobs, results, strict=True):
             played.setdefault((job.entrant, job.tier), []).append(result)
@@ -190,25 +193,25 @@ class League:
         }
         write_document(self.out / "league.json", league, SCHEMA)
         save_figure(pace_figure(played, self.entrants, self.tiers), self.out / "pace.png")
+        tables = {"times": self._times(played)}
         if HERO in self.entrants:
-            found = markdown(self._recognition(played))
-            write_bytes(self.out / "recognition.md", found.encode())
+            tables["recognition"] = self._recognition(played)
         if self.task == "return":
-            write_bytes(self.out / "blind.md", markdown(self._alone(league)).encode())
-            return self._returns(league)
-        write_bytes(self.out / "blind.md", markdown(self._over_blind(league)).encode())
-        write_bytes(self.out / "gain.md", markdown(self._gains(league)).encode())
+            returned = {"table": self._returns(league), "blind": self._alone(league)}
+            return tables | returned
+        gains = {"blind": self._over_blind(league), "gain": self._gains(league)}
+        return tables | gains | {"table": self._ways(league)}
+
+    def _ways(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+        """Return the ways, what was lost to the oracle, and failures."""
         tier = self.tiers[0]
         rows = [
             [
                 "entrant", *(f"{tier}, units" for tier in self.tiers), f"lost, {tier}",
                 f"s to 50, 80, 90%, {tier}", "failures, all", "false alarms, all",
-                f"CPU s, {tier}",
-                "offline CPU s", "offline steps",
             ]
         ]  # fmt: skip
         for entrant, tiers in league.items():
-            offline = ENTRANTS[entrant].offline
             times = tiers[tier].get("seconds_to", {}).values()
             rows.append(
                 [
@@ -218,7 +221,20 @@ class League:
                     ", ".join(f"{some['median']:.1f}" for some in times) or "-",
                     f"{sum(one.get('failures', 0) for one in tiers.values())}",
                     f"{sum(one['false_alarms'] for one in tiers.values())}",
-                    f"{tiers[tier]['cpu']:.1f}",
+                ]
+            )
+        return rows
+
+    def _times(self, played: Mapping[tuple[str, str], list[Result]]) -> list[list[str]]:
+        """Return what was spent in an episode, and before the first one."""
+        rows = [["entrant", "CPU s", "offline CPU s", "offline steps"]]
+        for entrant in self.entrants:
+            offline = ENTRANTS[entrant].offline
+            spent = [one["seconds"]["cpu"] for tier in self.tiers for one in played[entrant, tier]]
+            rows.append(
+                [
+                    entrant,
+                    f"{sum(spent) / len(spent):.1f}",
                     f"{offline.seconds:.0f}",
                     f"{offline.steps:.1e}",
                 ]
@@ -228,7 +244,7 @@ class League:
     def _returns(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
         """Return the table of the task return: successes, and the way over the ground."""
         rows = [["entrant", *(f"success, {tier}" for tier in self.tiers)]]
-        rows[0] += [*(f"units, {tier}" for tier in self.tiers), "CPU s, all"]
+        rows[0] += [f"units, {tier}" for tier in self.tiers]
         for entrant, tiers in league.items():
             found = [tiers[tier] for tier in self.tiers]
             rates = [one["success_rate"] for one in found]
@@ -237,7 +253,6 @@ class League:
                     entrant,
                     *(f"{share:.0%} [{low:.0%}, {high:.0%}]" for share, low, high in rates),
                     *(interval_text(one["way_after_onset"]) for one in found),
-                    f"{sum(one['cpu'] for one in found) / len(found):.1f}",
                 ]
             )
         return rows

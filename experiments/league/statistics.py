@@ -186,8 +186,6 @@ def summary(
         "mean": float(np.mean(ways)),
         "ways": [round(way, 3) for way in ways],
         "false_alarms": sum(false),
-        "cpu": float(np.mean([r["seconds"]["cpu"] for r in results])),
-        "slowest": max(r["seconds"]["slowest"] for r in results),
         "over": {name: paired(results, theirs, damages) for name, theirs in others.items()},
     }
     if "success" in results[0]:

@@ -17,7 +17,6 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -26,10 +25,11 @@ import tyro
 
 from aquafish.online import thresholds
 from aquafish_gym.runs.command_line import Out, run_command_line
+from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.validation import one_of
 from experiments.league.episodes import Episode, episode_numbers, play
 from experiments.league.statistics import after_onset
-from experiments.tables import do_table, markdown
+from experiments.tables import experiment, write_tables
 
 CHOOSING = "self-model, library only"
 FACTORS = (0.5, 2.0)
@@ -91,7 +91,7 @@ def meanings() -> str:
             group = one.group
             rows.append([f"**{group}**", "", "", ""])
         rows.append([f"`{one.name}`", number_text(one.value), one.unit, one.decides])
-    return markdown(rows).replace("---:", "---")  # all text
+    return markdown_table(rows)
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -160,10 +160,11 @@ class Thresholds:
             one_of("names", name, known)
         usual = Pass(known[0], 1.0)
         jobs = [usual, *(Pass(name, factor) for name in self.names for factor in self.factors)]
-        rows = do_table(
-            jobs, play_pass, self.out, "a league's thresholds", {}, partial(self._tabulate, jobs),
-            self.workers,
-        )  # fmt: skip
+        with experiment(
+            jobs, play_pass, self.out, "a league's thresholds", {}, ("table.md",), self.workers
+        ) as (folder, results):
+            rows = self._tabulate(jobs, results)
+            write_tables(folder, {"table": rows})
         for row in rows:
             print("  ".join(f"{cell:>14}" if i else f"{cell:32}" for i, cell in enumerate(row)))
 

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from aquafish_gym.runs.command_line import Out, run_command_line
-from aquafish_gym.utils.storage import read_document, write_bytes
+from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import one_of
 from experiments.league.command import (
     BLIND,
@@ -36,7 +36,7 @@ from experiments.league.draws import OUTSIDE
 from experiments.league.entrants import CEILING, ENTRANTS, USUAL
 from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds, count_damages
 from experiments.league.waters import WATERS
-from experiments.tables import markdown
+from experiments.tables import write_tables
 
 EPISODES = 40  # of a tier at home and in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
@@ -149,7 +149,7 @@ class WholeLeague:
             for entrant in self.entrants:
                 cells = [_gain(found, entrant, tier) for found in waters.values()]
                 rows.append([entrant, *cells])
-            write_bytes(self.out / f"waters-{tier}.md", markdown(rows).encode())
+            write_tables(self.out, {f"waters-{tier}": rows})
 
     def _compare_with_ceiling(self, leagues: Sequence[League]) -> None:
         """Write ceiling.md: how far below the ceiling others swim in the same episodes."""
@@ -179,7 +179,7 @@ class WholeLeague:
                     ]
                 )
         if len(rows) > 1:
-            write_bytes(self.out / "ceiling.md", markdown(rows).encode())
+            write_tables(self.out, {"ceiling": rows})
 
 
 def _gain(found: Mapping[str, Any], entrant: str, tier: str) -> str:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
+from aquafish_gym.runs.markdown import markdown_table
 from eea.study.drawing import GREY, SMALL_FONT, grid
 from experiments.real.auv import CALLED, KNOWN_SWIMS, NUMBERS
 from experiments.real.haizhe import CONDITIONS
-from experiments.tables import markdown
 
 AXES = ("depth at the surface, m", "descent for its rate, log m", "rotor line, sd of noise")
 COLOURS = ("C0", "C1", "C2", "C3", "C5")  # of the conditions
@@ -38,7 +38,7 @@ def auv_text(table: Mapping[str, Any]) -> str:
     counts = ", ".join(f"{count} {what}" for what, count in table["sessions"].items())
     return (
         f"{KNOWN_SWIMS} healthy swims are known; odds of {table['odds']:g} to each fault.\n\n"
-        f"{markdown(rows)}\n{markdown(by_odds)}\n"
+        f"{markdown_table(rows, words=1)}\n\n{markdown_table(by_odds, words=1)}\n\n"
         f"If the rotors' rate is found in the known swims alone: {strict}.\nSessions: {counts}.\n"
     )
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
+from aquafish_gym.runs.markdown import markdown_table
 from eea.study.drawing import GREY, MARKERS, SMALL_FONT, grid
 from experiments.real.crazypad import MOTORS
-from experiments.tables import markdown
 
 COLOURS = ("C0", "C1", "C2", "C3")  # of the motors
 
@@ -39,7 +39,7 @@ def drones_text(table: Mapping[str, Any]) -> str:
         f"In one flight, a cut below {same:.1f} mm would not show since flights of the same build, "
         f"and one below {other:.1f} mm since other builds.\n"
     )
-    return f"{markdown(rows)}\n{hidden}"
+    return f"{markdown_table(rows, words=1)}\n\n{hidden}"
 
 
 def _lengths(by_session: Mapping[str, float]) -> list[str]:

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
+from aquafish_gym.runs.markdown import markdown_table
 from eea.study.drawing import GREY, SMALL_FONT, grid
 from experiments.real.fish import LAW
-from experiments.tables import markdown
 from instruments.verification.fish_data import SPEED_SECONDS
 
 LABELS = {"position_cm": "error of the place, cm", "heading_rad": "error of the heading, rad"}
@@ -36,10 +36,11 @@ def fish_text(table: Mapping[str, Any]) -> str:
     straight = [["amplitude", *(f"m/s at {at} s" for at in SPEED_SECONDS)]]
     straight += [[str(a), *(f"{v:.4f}" for v in speeds)] for a, speeds in table["straight_speeds"]]
     return (
-        f"Root mean squares of held-out commands; cases: {cases}.\n\n{markdown(rows)}\n"
+        f"Root mean squares of held-out commands; cases: {cases}.\n\n"
+        f"{markdown_table(rows, words=1)}\n\n"
         f"Our 90% intervals hold {table['held_90']:.1%}: {by}.\n\n"
         f"Mean speeds of the runs without bias, in the second about each time:\n\n"
-        f"{markdown(straight)}\n"
+        f"{markdown_table(straight, words=1)}\n\n"
     )
 
 

@@ -38,7 +38,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, RECOVERY, RETURN, oracle
 from experiments.scores.episodes import COLUMNS, play
 from experiments.scores.figures import curves_figure, scores_figure
-from experiments.tables import do_table
+from experiments.tables import experiment, write_tables
 from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, load_extra
 from gait.swims.evaluation import EPISODES, Interval, interquartile_mean, success_rate
@@ -200,7 +200,7 @@ class Scores:
         return fixed or (Path(self.controllers or "") / job.file).exists()
 
     def execute(self) -> None:
-        """Do the missing jobs, print a table, and write it to table.md."""
+        """Do the missing jobs, print a table, and write it to table.md, the times to times.md."""
         jobs = self.jobs()
         if any(job.learns and not (self.out / job.file).exists() for job in jobs):
             load_extra("stable_baselines3")  # a missing package is refused before the first job
@@ -213,21 +213,23 @@ class Scores:
             "divisor": self.budget_divisor, "episodes": self.episodes, "entries": entries,
             ORACLE: [asdict(ORACLE_CONFIG), ORACLE_EPISODES],
         } | ({"controllers": str(self.controllers)} if self.controllers else {})  # fmt: skip
-        rows = do_table(
-            jobs, score, self.out, "reference scores", settings,
-            lambda results: self._rows(jobs, results), self.workers, (PICTURE, CURVES),
-        )  # fmt: skip
-        head, *body = rows
+        outputs = ("table.md", "times.md", PICTURE, CURVES)
+        with experiment(
+            jobs, score, self.out, "reference scores", settings, outputs, self.workers
+        ) as (folder, results):
+            tables = self._tables(jobs, results)
+            write_tables(folder, tables)
+        head, *body = tables["table"]
         for name, several in groupby(body, key=lambda row: row[0]):
             table = Table(*head[1:], title=name)
             for row in several:
                 table.add_row(*row[1:])
             Console().print(table)
 
-    def _rows(
+    def _tables(
         self, jobs: Sequence[Job | OracleJob], results: Sequence[dict[str, Any]]
-    ) -> list[list[str]]:
-        """Return the table's rows, and draw the pictures."""
+    ) -> dict[str, list[list[str]]]:
+        """Return the tables of scores and of times, and draw the pictures."""
         made: dict[tuple[str, str], list[dict[str, Any]]] = {}
         best: dict[str, list[float]] = {tier: [] for tier in TIERS}
         spent: list[float] = []
@@ -237,9 +239,16 @@ class Scores:
                 spent.append(result["seconds"])
             else:
                 made.setdefault((job.entry, job.task), []).append(result)
-        rows = [["environment", "controller", "observes", *COLUMNS, "CPU s"]]
+        rows = [["environment", "controller", "observes", *COLUMNS]]
+        times = [["controller", *(f"CPU s, {task}" for task in self.tasks)]]
         scored: dict[tuple[str, str], list[Interval]] = {}
         names = [name for name in self.entries if name in ENTRIES]
+        for entry in names:
+            taken = [[one["seconds"] for one in made.get((entry, task), ())] for task in self.tasks]
+            times.append([entry, *(f"{np.mean(some):.0f}" if some else "-" for some in taken)])
+        if spent:
+            own = f"{np.mean(spent):.0f}"
+            times.append([ORACLE, *(own if task == "forward" else "-" for task in self.tasks)])
         for task in self.tasks:
             for name in IDS_OF[task]:
                 for entry in names:
@@ -251,10 +260,7 @@ class Scores:
                         for c in COLUMNS
                     ]
                     scored[name, entry] = intervals
-                    cpu = f"{np.mean([one['seconds'] for one in found]):.0f}"
-                    rows.append(
-                        [name, entry, ENTRIES[entry].observes, *map(_number, intervals), cpu]
-                    )
+                    rows.append([name, entry, ENTRIES[entry].observes, *map(_number, intervals)])
         if scored:
             save_figure(scores_figure(scored), self.out / PICTURE)
         curves: dict[tuple[str, str], list[Any]] = {
@@ -265,21 +271,21 @@ class Scores:
         if curves:
             save_figure(curves_figure(curves), self.out / CURVES)
         if "forward" not in self.tasks:
-            return rows
+            return {"table": rows, "times": times}
         names = [entry for entry in names if (entry, "forward") in made]
         for entry in names:
             runs = [one["scores"][RETURN] for one in made[entry, "forward"]]
             cells = [_rate([run[column]["successes"] for run in runs], self) for column in COLUMNS]
-            rows.append([f"{RETURN}, success", entry, ENTRIES[entry].observes, *cells, ""])
+            rows.append([f"{RETURN}, success", entry, ENTRIES[entry].observes, *cells])
         after = f"{RECOVERY}, after the onset"
         for entry in names:
             runs = [one["scores"][RECOVERY] for one in made[entry, "forward"]]
             cells = [_after([run[tier] for run in runs], best[tier]) for tier in TIERS]
-            rows.append([after, entry, ENTRIES[entry].observes, "", *cells, ""])
+            rows.append([after, entry, ENTRIES[entry].observes, "", *cells])
         if spent:
             cells = [_number(interquartile_mean([best[tier]])) for tier in TIERS]
-            rows.append([after, ORACLE, "the broken robot", "", *cells, f"{np.mean(spent):.0f}"])
-        return rows
+            rows.append([after, ORACLE, "the broken robot", "", *cells])
+        return {"table": rows, "times": times}
 
 
 def _number(interval: Interval) -> str:

@@ -14,7 +14,7 @@ from rich.console import Console
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory, write_document
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from instruments.inference.cases import Case, measure
 from instruments.inference.logs import LOGS, summarise_logs
@@ -113,8 +113,9 @@ class Inference:
             save_pictures(report, folder)
         tables = make_tables(report)
         console = Console(highlight=False)
-        for table in tables.values():
+        for name, table in tables.items():
             console.print(table.rich())
+            write_bytes(folder / f"{name}.md", f"{table.markdown()}\n".encode())
 
     def _work(self, cases: list[Case], folder: Path) -> None:
         failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)

@@ -8,6 +8,8 @@ from typing import Any
 
 from rich.table import Table as RichTable
 
+from aquafish_gym.runs.markdown import markdown_table
+
 Report = dict[str, Any]
 
 
@@ -31,9 +33,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return it without its title."""
-        rule = ["---" if i < self.words else "---:" for i in range(len(self.columns))]
-        lines = [self.columns, rule, *self.rows]
-        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return markdown_table([self.columns, *self.rows], self.words)
 
 
 def agreement_table(report: Report) -> Table:

@@ -250,7 +250,7 @@ def test_entrants_return_in_time_or_not(tmp_path: Path, capsys: pytest.CaptureFi
     ).execute()  # fmt: skip
     assert "4 of 4 episodes to play: about 0 CPU minutes" in capsys.readouterr().err
     head, _, still, ppo = (tmp_path / "table.md").read_text().splitlines()
-    assert head == "| entrant | success, none | units, none | CPU s, all |"
+    assert head == "| entrant | success, none | units, none |"
     assert still.startswith("| still | 0% [0%, 66%] | -")
     assert ppo.startswith("| PPO, fins | 100% [34%, 100%] | 2")
 

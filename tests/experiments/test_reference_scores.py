@@ -85,7 +85,7 @@ def test_controllers_of_an_earlier_run_play_again(tmp_path: Path) -> None:
     success = [row for row in rows if row.startswith("| AquaFishReturn-v0, success |")]
     assert success == [
         "| AquaFishReturn-v0, success | zero | nothing "
-        + 4 * "| 0% [0%, 56%] " + "|  |",
+        + 4 * "| 0% [0%, 56%] " + "|",
         *(row for row in success[1:] if "PPO, fins" in row),
     ]  # fmt: skip
     assert len(success) == 2

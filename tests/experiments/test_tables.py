@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from examples.compare_gaits import KINDS, CompareGaits
 from experiments.gaits.ceiling import Ceiling
+from experiments.gaits.sample import KINDS, CompareGaits
 from gait import EvolveConfig
 from tests.in_process import jobs_in_process
 
@@ -49,4 +49,5 @@ def test_the_gait_ceiling_has_a_row_for_each_body(tmp_path: Path) -> None:
     ).execute()
     head, _, *rows = rows_of(tmp_path)
     assert head == ["", *searches]
-    assert [row[0] for row in rows] == ["whole", "caudal:missing", "CPU s a gait"]
+    assert [row[0] for row in rows] == ["whole", "caudal:missing"]
+    assert "CPU s a gait" in (tmp_path / "times.md").read_text()

@@ -1,6 +1,6 @@
 """Compare gaits for a sample of a posterior with gaits for its median body.
 
-    python examples/compare_gaits.py
+    python -m experiments.gaits.sample
 
 Ten robots with the held-out damages perform one trial with a noisy gyroscope. Gaits are evolved for
 the median body of the joint posterior, for fifty draws from it, and for the true body, and swim on
@@ -19,15 +19,13 @@ from rich.console import Console
 from rich.table import Table
 from tyro.conf import arg
 
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the clone, for ``experiments``
-
 from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import JointConfig
 from eea.core import streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from experiments.tables import do_table
+from experiments.tables import experiment, write_tables
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
 DAMAGES = held_out("recovery")
@@ -85,10 +83,10 @@ def compare(job: Job) -> dict[str, Any]:
 class CompareGaits:
     """Compare gaits for a sample of a posterior with gaits for its median body, in a table."""
 
-    example: ClassVar[str] = "--noise 0.03 --replicates 3 --out out/compare_gaits"
+    example: ClassVar[str] = "--noise 0.03 --replicates 3 --out out/sample"
     main_options: ClassVar[tuple[str, ...]] = ("out", "noise", "trials", "replicates", "workers")
 
-    out: Out = Path("out/compare_gaits")
+    out: Out = Path("out/sample")
     noise: tuple[float, ...] = (0.03, 0.1)
     """Standard deviations of the gyroscope noise, rad/s."""
     trials: int = 1
@@ -115,10 +113,11 @@ class CompareGaits:
         jobs = self.jobs()
         whole = {"seed": None, "generations": self.gait.plan.generations}
         settings = {"trials": self.trials, "gait": {**self.gait.settings, **whole}}
-        rows = do_table(
-            jobs, compare, self.out, "gaits for samples", settings,
-            lambda results: self._rows(dict(zip(jobs, results, strict=True))), self.workers,
-        )  # fmt: skip
+        with experiment(
+            jobs, compare, self.out, "gaits for samples", settings, ("table.md",), self.workers
+        ) as (folder, results):
+            rows = self._rows(dict(zip(jobs, results, strict=True)))
+            write_tables(folder, {"table": rows})
         table = Table(*rows[0])
         for row in rows[1:]:
             table.add_row(*row)
@@ -141,4 +140,4 @@ class CompareGaits:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("compare_gaits", CompareGaits))
+    sys.exit(run_command_line("experiments.gaits.sample", CompareGaits))

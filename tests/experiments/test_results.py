@@ -1,0 +1,208 @@
+"""Every committed result has a command that makes it, and a record of how it was made."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from aquafish_gym.runs import command_line
+from experiments import results
+from experiments.results import (
+    GOLDEN,
+    RESULTS,
+    ROOT,
+    MakeResults,
+    Record,
+    Result,
+    golden_digest,
+    out_of_date,
+    read_records,
+)
+
+FOLDERS = ("results", "recovery", "gap", "inference", "physics", "real")
+COMMANDS = [(name, command) for name, one in RESULTS.items() for command in one.commands]
+
+
+def test_every_committed_file_belongs_to_one_result() -> None:
+    listed = ["git", "ls-files", *(f"docs/{folder}" for folder in FOLDERS)]
+    committed = subprocess.check_output(listed, cwd=ROOT, text=True).split()
+    owned = Counter(file for result in RESULTS.values() for file in result.files)
+    assert [file for file, count in owned.items() if count > 1] == []
+    assert sorted(set(committed) - set(owned)) == []
+    assert [file for file in owned if not (ROOT / file).is_file()] == []
+    assert set(read_records()) == set(RESULTS)
+
+
+def test_every_golden_case_exists() -> None:
+    kept = json.loads(GOLDEN.read_text())
+    for name, result in RESULTS.items():
+        assert result.golden, name
+        assert set(result.golden) <= set(kept), name
+
+
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+@pytest.mark.parametrize(("name", "command"), COMMANDS)
+@pytest.mark.parametrize("smallest", [False, True])
+def test_every_command_can_be_read(
+    name: str, command: str, smallest: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its program takes all its options, and its own checks pass."""
+    read: list[Any] = []
+
+    class Read:
+        def execute(self) -> None:
+            command = read[0]
+            for check in ("jobs", "leagues", "treatments", "cases"):
+                getattr(command, check, list)()
+
+    def parse(*arguments: Any) -> Read:
+        read.append(command_line_parse(*arguments))
+        return Read()
+
+    command_line_parse = command_line.parse
+    monkeypatch.setattr(command_line, "parse", parse)
+    program, *words = shlex.split(f"{command} {RESULTS[name].smallest if smallest else ''}")
+    if program == "python":
+        program, words = (words[1], words[2:]) if words[0] == "-m" else (words[0], words[1:])
+    monkeypatch.setattr(sys, "argv", [program, *words, "--out", str(tmp_path / "out")])
+    run = runpy.run_path if program.endswith(".py") else partial(runpy.run_module, alter_sys=True)
+    with pytest.raises(SystemExit) as left:
+        run(program, run_name="__main__")
+    assert left.value.code == 0
+    assert len(read) == 1
+
+
+#: Gaits of twenty seeds, each of hardly any search.
+TINY = Result(
+    commands=(
+        "python -m experiments.gaits --bodies none --searches fourier --others 20 --replicates 1 "
+        "--budget-divisor 1000 --workers 1",
+    ),
+    files={"docs/results/tiny.md": "table.md"},
+    golden=("evolve cma",),
+    cpu_minutes=0.1,
+)
+
+
+@pytest.fixture
+def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder in the place of the clone, in which one small result can be made."""
+    records = tmp_path / "docs" / "provenance.json"
+    records.parent.mkdir()
+    records.write_text("{}")
+    monkeypatch.setattr(results, "RECORDS", records)
+    monkeypatch.setattr(results, "ROOT", tmp_path)
+    monkeypatch.setattr(results, "RESULTS", {"tiny": TINY})
+    monkeypatch.setattr(results, "present_commit", lambda: "0123abcd")
+    monkeypatch.setattr(results, "fill_pages", lambda: None)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path
+
+
+def interrupt_after(file: Path) -> None:
+    """Send this process what Ctrl-C sends, once a file exists."""
+    while not file.exists():
+        time.sleep(0.01)
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+def test_an_interrupted_result_resumes_to_the_same_bytes(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    MakeResults(out=clone / "whole").execute()
+    copy = clone / "docs" / "results" / "tiny.md"
+    made = copy.read_bytes()
+    record = read_records()["tiny"]
+    assert record.commands == list(TINY.commands)
+    assert record.commit == "0123abcd"
+    assert record.golden == golden_digest(GOLDEN.read_text(), TINY.golden)
+    assert record.cpu_minutes is not None
+    assert record.cpu_minutes > 0.0
+    MakeResults(out=clone / "whole").execute()
+    assert capsys.readouterr().out.endswith("nothing to do\n")
+
+    results.RECORDS.write_text("{}")
+    copy.unlink()
+    runs = clone / "again" / "tiny" / "run" / "runs" / "none" / "fourier"
+    thread = threading.Thread(target=interrupt_after, args=(runs / "000.json",), daemon=True)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        MakeResults(out=clone / "again").execute()
+    thread.join()
+    assert not copy.exists()
+    assert not (runs / "019.json").exists()
+    before = (runs / "000.json").stat().st_mtime_ns
+    MakeResults(out=clone / "again").execute()
+    assert copy.read_bytes() == made
+    assert (runs / "000.json").stat().st_mtime_ns == before
+
+
+def test_a_result_of_changed_sources_or_of_the_smallest_size_is_not_committed(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trivial = replace(TINY, commands=("python write.py",), files={"docs/one.md": "one.md"})
+    monkeypatch.setattr(results, "RESULTS", {"tiny": trivial})
+    (clone / "write.py").write_text(
+        "import sys, pathlib\npathlib.Path(sys.argv[-1], 'one.md').write_text('one')\n"
+    )
+    MakeResults(out=clone / "out", smallest=True).execute()
+    monkeypatch.setattr(results, "present_commit", lambda: "")
+    MakeResults(out=clone / "out").execute()
+    assert "uncommitted changes" in capsys.readouterr().out
+    assert (clone / "out" / "tiny" / "run" / "one.md").exists()
+    assert not (clone / "docs" / "one.md").exists()
+    assert read_records() == {}
+
+
+def test_a_failed_result_keeps_the_committed_one(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    failing = replace(TINY, commands=("python absent.py",), files={"docs/one.md": "one.md"})
+    silent = replace(failing, commands=("python nothing.py",))
+    monkeypatch.setattr(results, "RESULTS", {"failing": failing, "silent": silent})
+    (clone / "nothing.py").write_text("")
+    with pytest.raises(SystemExit) as left:
+        MakeResults(out=clone / "out").execute()
+    assert left.value.code == 1
+    error = capfd.readouterr().err
+    assert "lacks one.md" in error
+    assert "failed: failing, silent" in error
+    assert read_records() == {}
+
+
+def test_a_result_is_up_to_date_while_command_and_golden_cases_are() -> None:
+    now = golden_digest(GOLDEN.read_text(), TINY.golden)
+    record = Record(list(TINY.commands), "0123abcd", "2026-11-27", 0.1, now)
+    assert out_of_date(TINY, record) == ""
+    assert out_of_date(TINY, None) == "not made yet"
+    assert out_of_date(TINY, replace(record, commands=["other"])) == "other command"
+    assert out_of_date(TINY, replace(record, golden=None)) == "golden cases unknown"
+    assert out_of_date(TINY, replace(record, golden="0")) == "golden cases changed"
+    assert golden_digest('{"evolve cma": "a", "other": "b"}', TINY.golden) == golden_digest(
+        '{"evolve cma": "a", "other": "c"}', TINY.golden
+    )
+    assert golden_digest('{"other": "b"}', TINY.golden) is None
+
+
+def test_what_it_needs_and_is_not_here_is_said(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    needy = replace(TINY, needs=("absent_module", "out/downloads/absent"))
+    monkeypatch.setattr(results, "RESULTS", {"needy": needy})
+    MakeResults(out=clone / "out").execute()
+    assert capsys.readouterr().out == (
+        "needy: left out, for it needs absent_module, out/downloads/absent\nnothing to do\n"
+    )
