@@ -2,9 +2,10 @@
 
     python -m experiments.reality_gap --replicates 25 --out out/gap
 
-DIR holds report.md and report.json (means by world and method, with intervals), results.csv (a row
-for each job), pictures, and runs/WORLD/METHOD/SEED.json. The same command resumes; with more
-replicates, worlds or methods it extends the suite. docs/reality_gap.md explains the report.
+DIR holds report.md and report.json (means by world and method, with intervals), times.md (CPU s),
+results.csv (a row for each job), pictures, and runs/WORLD/METHOD/SEED.json. The same command
+resumes; with more replicates, worlds or methods it extends the suite. docs/reality_gap.md explains
+the report.
 """
 
 from __future__ import annotations
@@ -18,16 +19,18 @@ import tyro
 
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.command_line import Out
-from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
-from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.runs.jobs import read_result
+from aquafish_gym.runs.manifest import read_manifest
+from aquafish_gym.runs.markdown import shown_format
+from aquafish_gym.utils.storage import write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from eea.core.config import JointConfig, recovery_config
 from eea.study.presets import smoke
 from experiments.reality_gap.figures import draw_all
 from experiments.reality_gap.job import METHODS, ORACLE, GapJob, Settings, run_job, warm_up
-from experiments.reality_gap.report import build_report, results, to_markdown
+from experiments.reality_gap.report import build_report, results, times_rows, to_markdown
 from experiments.reality_gap.worlds import WORLDS
+from experiments.tables import experiment, write_tables
 from gait.search.evolve import EvolveConfig
 
 KIND = "a reality-gap suite"
@@ -135,32 +138,27 @@ class Gap:
         """Do what is missing, and write the report and the pictures of all that is in the folder.
 
         If an option is wrong, or the folder holds something else, nothing has changed. If a job
-        could not be done, the others are, and SystemExit has the code 1.
+        could not be done, the others are, nothing is written, and SystemExit has the code 1.
         """
         jobs = self.jobs()
-        folder = ensure_writable_directory(self.out)
-        with lock(folder):
-            settings = jobs[0].settings
-            write_manifest(folder, KIND, settings.to_dict(), ("runs", REPORT), run_job)
-            failures = run_jobs(jobs, run_job, folder, count=self.workers, warm_up=warm_up)
+        settings = jobs[0].settings
+        with experiment(
+            jobs, run_job, self.out, KIND, settings.to_dict(), ("runs", REPORT), self.workers,
+            warm_up=warm_up,
+        ) as (folder, _):  # fmt: skip
             publish(folder, settings, self.format)
-            exit_if_failed(failures)
 
 
 def publish(folder: Path, settings: Settings, formats: Sequence[str]) -> None:
     """Write the report and pictures of all finished jobs in a folder."""
-    outcomes = read_all(folder, settings)
-    if not outcomes:
-        return
-    table = results(outcomes)
+    table = results(read_all(folder, settings))
     code = (read_manifest(folder) or {}).get("versions", [])
     report = build_report(table, settings.to_dict(), code)
     pictures = draw_all(folder, table, report, formats)
-    # Readers' programs show one of the formats, and not all of them show PDF.
-    best = next(form for form in ("png", "svg", "pdf") if form in formats)
-    shown = [name for name in pictures if name.endswith(best)]
+    shown = [name for name in pictures if name.endswith(shown_format(formats))]
     text = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     write_bytes(folder / "results.csv", text.encode())
+    write_tables(folder, {"times": times_rows(table)})
     write_document(folder / REPORT, report, SCHEMA)
     write_bytes(folder / "report.md", to_markdown(report, settings, shown).encode())
     print(f"report.md, report.json, results.csv and pictures are in {folder}")

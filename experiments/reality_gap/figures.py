@@ -1,10 +1,10 @@
-"""The suite's pictures: OBJ_FIT by world, against trials and against CPU time, shares, coverage."""
+"""The suite's pictures: OBJ_FIT by world, against trials and against CPU time; shares; coverage."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -42,7 +42,8 @@ def draw_all(
     rows = report["summary"]
     figures = {}
     if any(world in report["worlds"] for world in CURVED) and "trials" in table:
-        figures["progress"] = progress_figure(table)
+        figures["progress"] = progress_figure(table, "trials")
+        figures["times"] = progress_figure(table, "seconds")
     if any("obj_fit" in row for row in rows):
         figures["obj_fit"] = worlds_figure(rows, "obj_fit")
     if any("share" in row for row in rows):
@@ -57,48 +58,48 @@ def draw_all(
     return names
 
 
-def progress_figure(table: pd.DataFrame) -> Figure:
-    """Draw OBJ_FIT against trials and against CPU time on log scales, with the paper's marked."""
+def progress_figure(table: pd.DataFrame, across: Literal["trials", "seconds"]) -> Figure:
+    """Draw OBJ_FIT against trials or CPU time on a log scale, with the paper's marked."""
     worlds = [world for world in CURVED if (table["world"] == world).any()]
-    figure = new_figure(8.0, 0.8 + 2.9 * len(worlds))
-    panels = figure.subplots(len(worlds), 2, sharex="col", sharey=True, squeeze=False)
-    for row, world in zip(panels, worlds, strict=True):
+    figure = new_figure(5.0, 0.8 + 2.9 * len(worlds))
+    panels = figure.subplots(len(worlds), 1, sharex="col", squeeze=False)[:, 0]
+    papers = PAPERS_TRIALS if across == "trials" else PAPERS_SECONDS
+    for axes, world in zip(panels, worlds, strict=True):
         for method in METHODS:
             cell = table[(table["world"] == world) & (table["method"] == method)]
             if cell.empty:
                 continue
             fitness = _by_round(cell, "obj_fit")
-            seconds = _by_round(cell, "cpu_seconds")
             low, high = curve_interval(fitness)
+            x = np.arange(1.0, fitness.shape[1] + 1)
+            if across == "seconds":
+                seconds = _by_round(cell, "cpu_seconds")
+                x = np.exp(np.log(np.maximum(seconds, 1e-3)).mean(axis=0))
             colour = COLOURS[method]
-            mark = MARKS[method]
-            time = np.exp(np.log(np.maximum(seconds, 1e-3)).mean(axis=0))
-            for axes, across in zip(row, (np.arange(1, len(time) + 1), time), strict=True):
-                axes.fill_between(across, _shown(low), _shown(high), color=colour, alpha=0.15, lw=0)
-                mean = _shown(fitness.mean(axis=0))
-                axes.plot(across, mean, color=colour, marker=mark, ms=4, lw=1.2)
-        for axes, papers in zip(row, (PAPERS_TRIALS, PAPERS_SECONDS), strict=True):
-            axes.set_xscale("log")
-            axes.axvline(papers, color=GREY, ls="--", lw=1.0)
-            axes.plot(papers, _shown(PAPERS_FITNESS), "*", ms=11, color=COLOURS["out-of-band"])
-            axes.annotate(
-                "the paper's\nbest", (papers, float(_shown(PAPERS_FITNESS))), (-8, 0),
-                textcoords="offset points", ha="right", va="center", fontsize=SMALL_FONT,
-            )  # fmt: skip
-            axes.set_title(f"{world}: {WORLDS[world].difference}", fontsize=SMALL_FONT + 1)
-        _fitness_axis(row[0], "y")
-        grid(row[1])
-        row[0].set_ylabel("OBJ_FIT")
-    trials, time = panels[-1]
-    trials.set_xticks([1, 2, 3, 5, 10, 25], ["1", "2", "3", "5", "10", "25"])
-    trials.set_xlim(0.9, 32)
-    trials.set_xlabel("trials on the robot")
-    time.set_xticks(list(SECONDS), list(SECONDS.values()))
-    time.set_xlim(None, 4 * PAPERS_SECONDS)
-    time.set_xlabel("CPU time on one thread, a mark a trial")
-    for axes in (trials, time):
+            axes.fill_between(x, _shown(low), _shown(high), color=colour, alpha=0.15, lw=0)
+            mean = _shown(fitness.mean(axis=0))
+            axes.plot(x, mean, color=colour, marker=MARKS[method], ms=4, lw=1.2)
+        axes.set_xscale("log")
+        axes.axvline(papers, color=GREY, ls="--", lw=1.0)
+        axes.plot(papers, _shown(PAPERS_FITNESS), "*", ms=11, color=COLOURS["out-of-band"])
+        axes.annotate(
+            "the paper's\nbest", (papers, float(_shown(PAPERS_FITNESS))), (-8, 0),
+            textcoords="offset points", ha="right", va="center", fontsize=SMALL_FONT,
+        )  # fmt: skip
+        axes.set_title(f"{world}: {WORLDS[world].difference}", fontsize=SMALL_FONT + 1)
+        _fitness_axis(axes, "y")
+        axes.set_ylabel("OBJ_FIT")
         axes.xaxis.set_minor_locator(NullLocator())
-    _name_methods(figure, trials, _of(table["method"].unique(), METHODS))
+    if across == "trials":
+        axes.set_xticks([1, 2, 3, 5, 10, 25], ["1", "2", "3", "5", "10", "25"])
+        axes.set_xlim(0.9, 32)
+        axes.set_xlabel("trials on the robot")
+    else:
+        axes.set_xticks(list(SECONDS), list(SECONDS.values()))
+        axes.set_xlim(None, 4 * PAPERS_SECONDS)
+        axes.set_xlabel("CPU time on one thread, a mark a trial")
+    axes.xaxis.set_minor_locator(NullLocator())
+    _name_methods(figure, axes, _of(table["method"].unique(), METHODS))
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aquafish_gym.runs.markdown import markdown_table
 from eea.core.angles import Floats
 from eea.study.statistics import FEWEST_VALUES, interval, ratio_interval
 from experiments.reality_gap.job import MASSES, METHODS, ORACLE, Settings
@@ -15,7 +16,7 @@ from experiments.reality_gap.worlds import WORLDS
 
 LEVELS = [f"{mass:.0%}" for mass in MASSES]
 # What the summary has means of, columns of results.csv.
-MEANS = ("obj_fit", "distance", "distance_sample", "trials", "cpu_seconds", "fits", "right")
+MEANS = ("obj_fit", "distance", "distance_sample", "trials", "fits", "right")
 SHARES = {"share": "distance", "share_sample": "distance_sample"}
 # Units that an oracle must surely swim for anything to be a share of it: half its body.
 LEAST_DISTANCE = 2.0
@@ -110,6 +111,18 @@ def _share(distances: pd.Series[float] | None, oracle: pd.DataFrame) -> Row | No
     return {"mean": float(own.mean() / far.mean()), "interval": ratio_interval(own, far)}
 
 
+def times_rows(table: pd.DataFrame) -> list[list[str]]:
+    """Return the CPU s of each method by world: all trials, one thread, everything compiled."""
+    methods = [name for name in METHODS if (table["method"] == name).any()]
+    rows = [["world", *(f"CPU s, {name}" for name in methods)]]
+    means = table.groupby(["world", "method"])["cpu_seconds"].mean()
+    for world in WORLDS:
+        if (table["world"] == world).any():
+            cells = [means.get((world, name)) for name in methods]
+            rows.append([world, *("-" if one is None else f"{one:.2g}" for one in cells)])
+    return rows
+
+
 def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequence[str]) -> str:
     """Return the report for people, with these pictures' files shown."""
     seeds = len(report["seeds"])
@@ -129,13 +142,12 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
         f"true body. Gaits are evolved in the plain world, for {gait.generations} generations of "
         f"{gait.population}; *sample* is the gait for {settings.bodies} bodies that joint "
         f"inference holds possible. Where the oracle does not surely swim {LEAST_DISTANCE:g} units "
-        "ahead, nothing is a share of it. *CPU s* are of the method on one thread, all trials "
-        "together, with everything compiled.",
+        "ahead, nothing is a share of it.",
     ]
     for world, difference in report["worlds"].items():
         parts.append(f"## {world}: {difference}")
         rows = [row for row in report["summary"] if row["world"] == world]
-        parts.append(_table([_HEAD, *(_cells(row) for row in rows)]))
+        parts.append(markdown_table([_HEAD, *(_cells(row) for row in rows)]))
     judged = [row for row in report["summary"] if "hypotheses" in row]
     if judged:
         parts += [
@@ -143,7 +155,7 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
             "Shares of dimensions that its intervals hold; *fits*, the share of replicates in "
             "which the goodness-of-fit test accepts the best fit; *right*, that in which the "
             "most probable hypothesis is true.",
-            _table(
+            markdown_table(
                 [
                     ["world", *(f"{level} intervals" for level in LEVELS), "fits", "right",
                      "most probable, times"],
@@ -156,7 +168,7 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
     return "\n\n".join(parts) + "\n"
 
 
-_HEAD = ["method", "n", "OBJ_FIT", "covered", "swims", "share", "sample swims", "share", "CPU s"]
+_HEAD = ["method", "n", "OBJ_FIT", "covered", "swims", "share", "sample swims", "share"]
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -170,7 +182,6 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         _number(row.get("share"), ".0%"),
         _number(row.get("distance_sample"), ".1f"),
         _number(row.get("share_sample"), ".0%"),
-        f"{row['cpu_seconds']['mean']:.2g}" if "cpu_seconds" in row else "",
     ]
 
 
@@ -189,8 +200,3 @@ def _number(value: Mapping[str, Any] | None, form: str) -> str:
         return ""
     low, high = value["interval"] or (0.0, 0.0)
     return f"{value['mean']:{form}}" + (f" [{low:{form}}, {high:{form}}]" if low < high else "")
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    head, *body = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

@@ -99,7 +99,8 @@ def test_a_small_suite_is_reported_and_resumed(
     report = read_document(tmp_path / "report.json", "aquafish.gap/1")
     assert [row["method"] for row in report["summary"]] == ["none", "joint", ORACLE]
     assert "covered" in report["summary"][1]
-    for name in ("progress", "obj_fit", "coverage"):
+    assert "CPU s, joint" in (tmp_path / "times.md").read_text()
+    for name in ("progress", "times", "obj_fit", "coverage"):
         assert is_drawn(tmp_path / f"{name}.png")
     before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("runs/*/*/*.json")}
     small.execute()
