@@ -16,12 +16,14 @@ import ast
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from aquafish.recovery.treatment import TREATMENTS
 from aquafish_gym.damage import TIERS
+from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.thresholds import meanings
@@ -54,7 +56,7 @@ def environment() -> str:
 def tiers() -> str:
     """Return the tiers of random damage as a table."""
     words = dict.fromkeys(chance.word for tier in TIERS.values() for chance in tier.chances)
-    rows = [["", *TIERS], ["---"] * (1 + len(TIERS))]
+    rows = [["", *TIERS]]
     for word in words:
         row = [f"`{word}`"]
         for tier in TIERS.values():
@@ -62,12 +64,74 @@ def tiers() -> str:
             numbers = f", {found.low:g} to {found.high:g}" if found and found.high else ""
             row.append(f"{found.weight:.0%}{numbers}" if found else "")
         rows.append(row)
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return markdown_table(rows)
+
+
+#: Rows of the README's first table: treatments of docs/recovery/report.json.
+RECOVERED = ("undamaged", "randomised", "out-of-band", "joint-fins", "swims-on", "oracle-fins")
+OURS = ("joint-fins", "swims-on")  # in bold
+#: Rows of its second: what people read, and the entrant of docs/results/league/league.json.
+PLAYED = {
+    "the gait for the whole robot, by PPO": "PPO, fins",
+    "Intelligent Trial and Error, given its true position": "trial and error",
+    "RMA, a learned policy that estimates what broke": "RMA",
+    "blind: the same agent, which never looks for damage": "blind",
+    "**self-model**, charged for its thinking": "self-model",
+    "*oracle*: the same, given the truth at once": "oracle",
+}
+CM_PER_UNIT = 5.0
+
+
+def centimetres(middle: float, interval: Sequence[float]) -> str:
+    """Return a distance in units with its interval, in cm."""
+    low, high = (f"{CM_PER_UNIT * end:z.0f}" for end in interval)
+    return f"{CM_PER_UNIT * middle:z.0f} [{low}, {high}]"
+
+
+def recovery() -> str:
+    """Return how far robots swim after damage, and how good their models are."""
+    treatments = _read("recovery/report.json")["treatments"]
+    best = treatments["oracle-fins"]["target_distance_random_poses"]
+    rows = [["gait", "trials", "OBJ_FIT", "cm in 20 s", "share of the last row's"]]
+    for name in RECOVERED:
+        found, label = treatments[name], TREATMENTS[name].label
+        fitness = ""
+        if found["objective_fitness"] is not None:
+            fitness = f"{found['objective_fitness']:.3f}"
+            if found["objective_fitness"] < 1.0:
+                low, high = found["spread"]["objective_fitness"]["interval"]
+                fitness += f" [{low:.3f}, {high:.3f}]"
+        distance = found["target_distance_random_poses"]
+        interval = found["spread"]["target_distance_random_poses"]["interval"]
+        rows.append([f"**{label}**" if name in OURS else label, str(found["trials"]), fitness,
+                     centimetres(distance, interval), f"{distance / best:.0%}"])  # fmt: skip
+    return markdown_table(rows, words=1)
+
+
+def league() -> str:
+    """Return how far agents swim after something breaks in mid-swim, and the gain over blind."""
+    played = _read("results/league/league.json")
+    names = ("severe", "moderate", "mild")
+    rows = [["agent", *names]]
+    for label, entrant in PLAYED.items():
+        ways = [played[entrant][tier]["way_after_onset"] for tier in names]
+        rows.append([label, *(centimetres(way[0], way[1:]) for way in ways)])
+    gains = [played["self-model"][tier]["over"]["blind"]["mean"] for tier in names]
+    rows.append(["*what recognising is worth*: mean of self-model less blind, episode by episode",
+                 *(centimetres(gain[0], gain[1:]) for gain in gains)])  # fmt: skip
+    return markdown_table(rows, words=1)
+
+
+def _read(path: str) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads((DOCS / path).read_text(encoding="utf-8"))
+    return document
 
 
 TEXTS: dict[str, Callable[[], str]] = {
     "AquaFishEnv": environment,
+    "league": league,
     "provenance": provenance,
+    "recovery": recovery,
     "thresholds": meanings,
     "tiers": tiers,
 }
@@ -79,7 +143,7 @@ REPORTS: dict[str, Callable[[dict[str, Any]], Mapping[str, Table]]] = {
 
 @cache
 def _tables(report: str) -> Mapping[str, Table]:
-    return REPORTS[report](json.loads((DOCS / report).read_text(encoding="utf-8")))
+    return REPORTS[report](_read(report))
 
 
 def text_of(source: str) -> str:

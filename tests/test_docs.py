@@ -88,56 +88,6 @@ def test_every_row_of_the_paper_map_names_a_symbol() -> None:
         assert SYMBOL.search(row), f"names no symbol: {row[:60]}"
 
 
-def measured(row: str) -> set[str]:
-    """Return the cells of a table's row that have an interval."""
-    return {cell.strip() for cell in row.replace("*", "").split("|") if "[" in cell}
-
-
-def measured_rows(page: str, heading: str) -> list[set[str]]:
-    """Return what was measured in each row of the tables of a page's section."""
-    section = (ROOT / page).read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
-    rows = [line for line in section.splitlines() if line.startswith("|")]
-    return [row for row in map(measured, rows) if row]
-
-
-def test_the_results_in_the_readme_are_in_the_report() -> None:
-    report = (ROOT / "docs" / "recovery" / "report.md").read_text().splitlines()
-    rows = measured_rows("README.md", "Does it recover?")
-    assert len(rows) == 7
-    for row in rows:
-        assert any(row <= measured(line) for line in report), row
-
-
-def rounded(cells: set[str]) -> set[str]:
-    """Return cells with an interval, each number with one decimal."""
-    decimals = re.compile(r"-?\d+\.\d\d")
-    return {decimals.sub(lambda found: f"{float(found[0]):.1f}", cell) for cell in cells}
-
-
-def test_the_league_in_the_readme_is_in_the_results() -> None:
-    results = ROOT / "docs" / "results" / "league"
-    lines = [*(results / "table.md").read_text().splitlines()]
-    lines += (results / "blind.md").read_text().splitlines()
-    rows = measured_rows("README.md", "Does it swim on?")
-    assert len(rows) == 7
-    for row in rows:
-        assert any(row <= rounded(measured(line)) for line in lines), row
-
-
-def test_the_paper_has_the_numbers_of_the_readme() -> None:
-    readme = measured_rows("README.md", "Does it recover?")
-    readme += measured_rows("README.md", "Does it swim on?")
-    means = {cell.split(" [")[0] for row in readme for cell in row}
-    bounds = {number for row in readme for cell in row for number in re.findall(r"[\d.]+", cell)}
-    paper = (ROOT / "paper" / "paper.md").read_text()
-    league = paper.split("In the league")[1].split("\n\n")[0]
-    assert len(re.findall(r"\d+\.\d", league)) == 6
-    assert set(re.findall(r"\d+\.\d", league)) <= means
-    recovery = paper.split("Ten robots with ten damages")[1].split("\n\n")[0]
-    of_method = {"2.56", "0.006"}  # how long a trial is, and 1 less the OBJ_FIT of 0.994
-    assert set(re.findall(r"\d+\.\d+", recovery)) - of_method <= bounds
-
-
 def test_a_missing_symbol_is_found() -> None:
     assert exists("eea.core.fitness")
     assert not exists("eea.core.fitness.no_such_function")
