@@ -28,6 +28,7 @@ from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.thresholds import meanings
 from experiments.results import provenance
+from instruments.inference.summary import join_times
 from instruments.inference.tables import make_tables
 from instruments.verification.report import tables_of
 from instruments.verification.tables import Table
@@ -127,6 +128,12 @@ def _read(path: str) -> dict[str, Any]:
     return document
 
 
+def inference_tables(report: Mapping[str, Any]) -> Mapping[str, Table]:
+    """Return the tables of joint inference, whose CPU times have a file of their own."""
+    times = json.loads((DOCS / "inference" / "times.json").read_text(encoding="utf-8"))
+    return make_tables(join_times(report, times))
+
+
 TEXTS: dict[str, Callable[[], str]] = {
     "AquaFishEnv": environment,
     "league": league,
@@ -137,7 +144,7 @@ TEXTS: dict[str, Callable[[], str]] = {
 }
 REPORTS: dict[str, Callable[[dict[str, Any]], Mapping[str, Table]]] = {
     "physics/report.json": tables_of,
-    "inference/report.json": make_tables,
+    "inference/report.json": inference_tables,
 }
 
 

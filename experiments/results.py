@@ -302,7 +302,7 @@ RESULTS: dict[str, Result] = {
     ),
     "inference": Result(
         commands=("python -m instruments.inference --seed 1 --bodies 0.4",),
-        files=_files("docs/inference", "report.json", "coverage.png", "ranks.png"),
+        files=_files("docs/inference", "report.json", "times.json", "coverage.png", "ranks.png"),
         golden=("run joint", "infer", "simulate nuisances", "simulate series", "simulate reactive"),
         cpu_minutes=60,
         smallest="--bodies 0.01 --only exact prior",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,16 +12,16 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.runs.command_line import run_command_line
-from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
-from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.runs.manifest import read_manifest
+from aquafish_gym.utils.storage import write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from experiments.tables import experiment
 from instruments.inference.cases import Case, measure
 from instruments.inference.logs import LOGS, summarise_logs
 from instruments.inference.plots import save_pictures
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
 from instruments.inference.strangers import DRAWS, KINDS, summarise_strangers
-from instruments.inference.summary import summarise
+from instruments.inference.summary import split_times, summarise
 from instruments.inference.swims import SWIMS, summarise_swims
 from instruments.inference.tables import make_tables
 from instruments.verification.mujoco_model import load_mujoco
@@ -77,55 +77,40 @@ class Inference:
     def execute(self) -> None:
         """Infer the robots that are missing, and print the tables."""
         cases = self.cases()
-        folder = ensure_writable_directory(self.out, "out")
-        with lock(folder):
-            write_manifest(folder, "a measurement of inference", {"seed": self.seed}, work=measure)
-            found = [case for some in cases.values() for case in some]
-            self._work(found, folder)
+        found = [case for some in cases.values() for case in some]
+        with experiment(
+            found, measure, self.out, "a measurement of inference", {"seed": self.seed},
+            workers=self.workers, warm_up=_warm_up,
+        ) as (folder, results):  # fmt: skip
+            read = dict(zip(found, results, strict=True))
+
+            def part(kinds: Collection[str], summary: Callable[..., Any]) -> dict[str, Any]:
+                return {
+                    name: summary(name, [read[case] for case in some])
+                    for name, some in cases.items()
+                    if name in kinds
+                }
+
             report: dict[str, Any] = {
                 "seed": self.seed,
                 "code": (read_manifest(folder) or {}).get("versions", []),
-                "settings": {
-                    name: summarise(name, [_read(folder, case) for case in some])
-                    for name, some in cases.items()
-                    if name in EVERY
-                },
-                "swims": {
-                    name: summarise_swims(name, [_read(folder, case) for case in some])
-                    for name, some in cases.items()
-                    if name in SWIMS
-                },
-                "logs": {
-                    name: summarise_logs([_read(folder, case) for case in some])
-                    for name, some in cases.items()
-                    if name in LOGS
-                },
-                "strangers": {
-                    name: summarise_strangers([_read(folder, case) for case in some])
-                    for name, some in cases.items()
-                    if name in KINDS
-                },
+                "settings": part(EVERY, summarise),
+                "swims": part(SWIMS, summarise_swims),
+                "logs": part(LOGS, lambda _, documents: summarise_logs(documents)),
+                "strangers": part(KINDS, lambda _, documents: summarise_strangers(documents)),
             }
-            every = [_read(folder, case) for case in found if case.setting in KINDS]
+            every = [read[case] for case in found if case.setting in KINDS]
             if every:
                 report["strangers"]["all"] = summarise_strangers(every)
-            write_document(folder / REPORT, report, SCHEMA)
+            numbers, times = split_times(report)
+            write_document(folder / REPORT, numbers, SCHEMA)
+            write_document(folder / "times.json", times, SCHEMA)
             save_pictures(report, folder)
         tables = make_tables(report)
         console = Console(highlight=False)
         for name, table in tables.items():
             console.print(table.rich())
             write_bytes(folder / f"{name}.md", f"{table.markdown()}\n".encode())
-
-    def _work(self, cases: list[Case], folder: Path) -> None:
-        failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)
-        exit_if_failed(failures)
-
-
-def _read(folder: Path, case: Case) -> dict[str, Any]:
-    document = read_result(folder, case)
-    assert document is not None
-    return document
 
 
 def _warm_up(cases: Sequence[Case]) -> None:

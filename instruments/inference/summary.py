@@ -19,7 +19,34 @@ Document = Mapping[str, Any]
 Part = dict[str, Any]
 
 NAMES = tuple(d.name for d in DIMENSIONS)
+TIMES = ("seconds", "p95")  # mean and 95% quantile, CPU s
 TOUCH = 1e-6  # of a range: an interval that ends so near a truth at a bound holds it
+
+
+def split_times(report: Document) -> tuple[Part, Part]:
+    """Return a report without CPU times, and one of these alone; ``join_times`` is the reverse."""
+    rest: Part = {}
+    times: Part = {}
+    for name, value in report.items():
+        if name in TIMES:
+            times[name] = value
+        elif isinstance(value, dict):
+            rest[name], inner = split_times(value)
+            if inner:
+                times[name] = inner
+        else:
+            rest[name] = value
+    return rest, times
+
+
+def join_times(report: Document, times: Document) -> Part:
+    """Return a report with its CPU times."""
+    inner = {
+        name: join_times(report[name], part)
+        for name, part in times.items()
+        if isinstance(part, dict)
+    }
+    return {**report, **times, **inner}
 
 
 def summarise(setting: str, documents: Sequence[Document]) -> Part:

@@ -24,7 +24,6 @@ WORDS = {
     "alarms": "“none of the bodies…”",
     "trusted": "90% intervals of good fits that hold",
     "named": "a fin without length is said to be absent or missing",
-    "seconds": "mean CPU seconds",
 }
 
 
@@ -198,4 +197,4 @@ def _bounds(asked: Mapping[str, Any]) -> str:
 
 def _number(what: str, value: float) -> str:
     entry = what.rpartition(".")[2]
-    return f"{value:.4g}" if entry in ("median", "seconds", "least") else f"{value:.1%}"
+    return f"{value:.4g}" if entry in ("median", "least") else f"{value:.1%}"
