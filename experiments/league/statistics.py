@@ -25,7 +25,11 @@ HORIZON = 30.0  # s after the onset, which every episode has; recovery times are
 FAR = 1.0  # units: an oracle that makes less cannot be compared with
 CURRENT_ERROR = 0.03  # units/s, of a current that is named
 RESAMPLES = 2000
-COLOURS = 10  # of lines, before they are dashed
+# Of lines: Tol's muted colours (personal.sron.nl/~pault), black and orange; dashed after these.
+COLOURS = (
+    "#88ccee", "#ddcc77", "#117733", "#332288", "#cc6677", "#aa4499",
+    "#44aa99", "#999933", "#882255", "#000000", "#e69f00", "#7f7f7f",
+)  # fmt: skip
 
 
 def after_onset(result: Result) -> float:
@@ -241,8 +245,9 @@ def pace_figure(
             hero = entrant.startswith("self-model")
             seconds = DT * (np.arange(shortest) - WINDOW / 2)
             width = 2.2 if hero else 1.2
-            style = "-" if i < COLOURS else "--"
-            axes.plot(seconds, mean, style, lw=width, label=entrant, zorder=2 + hero)
+            style = "-" if i < len(COLOURS) else "--"
+            colour = COLOURS[i % len(COLOURS)]
+            axes.plot(seconds, mean, style, c=colour, lw=width, label=entrant, zorder=2 + hero)
         axes.axvline(0.0, color="0.6", lw=0.8)
         axes.set_title(tier)
         axes.set_xlabel("seconds since something broke")
