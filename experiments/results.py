@@ -56,7 +56,7 @@ class Result:
     cpu_minutes
         Expected CPU time.
     smallest
-        Words that make every command very small.
+        Words that make every command very small; None if there are none.
     folder
         Name of its folder, which several results may share; by default that of the result.
     needs
@@ -67,7 +67,7 @@ class Result:
     files: Mapping[str, str]
     golden: tuple[str, ...]
     cpu_minutes: float
-    smallest: str = ""
+    smallest: str | None = None
     folder: str = ""
     needs: tuple[str, ...] = ()
 
@@ -218,6 +218,7 @@ RESULTS: dict[str, Result] = {
         },
         golden=("evolve cma", "AquaFish-v0 numba", "drawn damage"),
         cpu_minutes=1,
+        smallest="",
         needs=("minari",),
     ),
     "posterior": Result(
@@ -227,6 +228,7 @@ RESULTS: dict[str, Result] = {
         files=_files("docs/results", "posterior.png"),
         golden=("run joint",),
         cpu_minutes=0.5,
+        smallest="",
     ),
     "gaits": Result(
         commands=(
@@ -528,6 +530,8 @@ class MakeResults:
         for name in self.names or RESULTS:
             reason = out_of_date(RESULTS[name], records.get(name))
             lacking = ", ".join(RESULTS[name].missing())
+            if self.smallest and RESULTS[name].smallest is None:
+                lacking = "its whole size"
             minutes = "" if self.smallest else f", about {RESULTS[name].cpu_minutes:g} CPU minutes"
             if not reason and not self.smallest:
                 continue
@@ -565,7 +569,7 @@ class MakeResults:
         folder = ensure_writable_directory(base / "run").resolve()
         spent = base / f"{name}.cpu"  # CPU seconds of all tries
         for command in result.commands:
-            whole = f"{command} {result.smallest if self.smallest else ''}".strip()
+            whole = f"{command} {(result.smallest or '') if self.smallest else ''}".strip()
             print(f"\n{name}: {whole}", flush=True)
             before = _children_seconds()
             try:

@@ -54,6 +54,18 @@ def write_tables(folder: Path, tables: Mapping[str, Sequence[Sequence[str]]]) ->
         write_bytes(folder / f"{name}.md", f"{markdown_table(rows, words=1)}\n".encode())
 
 
+def interval_text(values: Sequence[float], digits: int = 1) -> str:
+    """Return a cell: a figure with its interval.
+
+    Examples
+    --------
+    >>> interval_text((1.0, 0.5, 1.25), 2)
+    '1.00 [0.50, 1.25]'
+    """
+    middle, low, high = (f"{value:z.{digits}f}" for value in values)
+    return f"{middle} [{low}, {high}]"
+
+
 def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
     """Return a search with 1/``divisor`` of the generations, on one thread."""
     plan = config.plan

@@ -64,7 +64,7 @@ from experiments.league.statistics import (
     summary,
 )
 from experiments.league.waters import Water
-from experiments.tables import experiment, write_tables
+from experiments.tables import experiment, interval_text, write_tables
 
 SCHEMA = "aquafish.league/3"
 HERO = "self-model"
@@ -354,15 +354,3 @@ def _gain(found: Mapping[str, Any], other: str, sign: float = 1.0) -> str:
         return "-"
     values = [sign * value for value in found["over"][other]["mean"]]
     return interval_text((values[0], *sorted(values[1:])), 2)
-
-
-def interval_text(values: Sequence[float], digits: int = 1) -> str:
-    """Return a cell: a figure with its interval.
-
-    Examples
-    --------
-    >>> interval_text((1.0, 0.5, 1.25), 2)
-    '1.00 [0.50, 1.25]'
-    """
-    middle, low, high = (f"{value:z.{digits}f}" for value in values)
-    return f"{middle} [{low}, {high}]"

@@ -30,13 +30,12 @@ from experiments.league.command import (
     SCHEMA,
     League,
     expectation,
-    interval_text,
 )
 from experiments.league.draws import OUTSIDE
 from experiments.league.entrants import CEILING, ENTRANTS, USUAL
 from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds, count_damages
 from experiments.league.waters import WATERS
-from experiments.tables import write_tables
+from experiments.tables import interval_text, write_tables
 
 EPISODES = 40  # of a tier at home and in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors

@@ -38,7 +38,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, RECOVERY, RETURN, oracle
 from experiments.scores.episodes import COLUMNS, play
 from experiments.scores.figures import curves_figure, scores_figure
-from experiments.tables import experiment, write_tables
+from experiments.tables import experiment, interval_text, write_tables
 from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, load_extra
 from gait.swims.evaluation import EPISODES, Interval, interquartile_mean, success_rate
@@ -260,7 +260,9 @@ class Scores:
                         for c in COLUMNS
                     ]
                     scored[name, entry] = intervals
-                    rows.append([name, entry, ENTRIES[entry].observes, *map(_number, intervals)])
+                    rows.append(
+                        [name, entry, ENTRIES[entry].observes, *map(interval_text, intervals)]
+                    )
         if scored:
             save_figure(scores_figure(scored), self.out / PICTURE)
         curves: dict[tuple[str, str], list[Any]] = {
@@ -283,14 +285,9 @@ class Scores:
             cells = [_after([run[tier] for run in runs], best[tier]) for tier in TIERS]
             rows.append([after, entry, ENTRIES[entry].observes, "", *cells])
         if spent:
-            cells = [_number(interquartile_mean([best[tier]])) for tier in TIERS]
+            cells = [interval_text(interquartile_mean([best[tier]])) for tier in TIERS]
             rows.append([after, ORACLE, "the broken robot", "", *cells])
         return {"table": rows, "times": times}
-
-
-def _number(interval: Interval) -> str:
-    middle, low, high = interval
-    return f"{middle:z.1f} [{low:z.1f}, {high:z.1f}]"
 
 
 def _rate(successes: Sequence[int], command: Scores) -> str:
@@ -306,4 +303,4 @@ def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:
     shares = [share(distances, np.concatenate([run["twin"] for run in runs]).tolist())]
     if best:
         shares.append(share([one[:few] for one in distances], best))
-    return ", ".join([_number(interquartile_mean(distances)), *shares])
+    return ", ".join([interval_text(interquartile_mean(distances)), *shares])

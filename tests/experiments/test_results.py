@@ -74,7 +74,7 @@ def test_every_command_can_be_read(
 
     command_line_parse = command_line.parse
     monkeypatch.setattr(command_line, "parse", parse)
-    program, *words = shlex.split(f"{command} {RESULTS[name].smallest if smallest else ''}")
+    program, *words = shlex.split(f"{command} {(RESULTS[name].smallest or '') if smallest else ''}")
     if program == "python":
         program, words = (words[1], words[2:]) if words[0] == "-m" else (words[0], words[1:])
     monkeypatch.setattr(sys, "argv", [program, *words, "--out", str(tmp_path / "out")])
