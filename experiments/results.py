@@ -153,11 +153,9 @@ RESULTS: dict[str, Result] = {
             "report.json",
             "bodies.png",
             "distances.png",
-            "film.mp4",
             "film.webp",
             "fitness.png",
             "paths.png",
-            "report.html",
             "sizes.png",
         ),
         golden=(
@@ -184,8 +182,6 @@ RESULTS: dict[str, Result] = {
             "docs/results/figs-5-to-10",
             "summary.md",
             "summary.json",
-            "study.json",
-            "results.csv",
             *(f"figures/{name}.png" for name in _STUDY),
         ),
         golden=(*_RUNS, "run ideal", "study"),
@@ -354,11 +350,16 @@ RESULTS: dict[str, Result] = {
         files={
             "docs/results/scores/table.md": "table.md",
             "docs/results/scores/times.md": "times.md",
+            **{
+                f"experiments/scores/results/{file}": file
+                for name in ("CPG", "NEAT", "CMA-ES", "CMA-ES--fins", "PPO--fins")
+                for file in (f"runs/forward/{name}/100.json", f"runs/forward/{name}/100.times.json")
+            },
         },
         golden=(*_IDS, "evolve cma", "evolve neat", "drawn damage"),
         cpu_minutes=180,
-        smallest="--tasks forward --entries still CMA-ES --replicates 1 --episodes 2 "
-        "--budget-divisor 1000",
+        smallest="--tasks forward --entries CPG NEAT CMA-ES 'CMA-ES, fins' 'PPO, fins' --replicates 1 "
+        "--episodes 2 --budget-divisor 1000",
         needs=("stable_baselines3",),
     ),
     "scores-return": Result(

@@ -56,7 +56,8 @@ class Library:
         found = [Controller.from_dict(one["controller"]) for one in scored]
         # A curve's last row counts PPO's actions, or CMA-ES's generations.
         steps = [scored[0]["curve"][-1][0] * SEARCH.interval, swum(scored[1]["curve"][-1][0])]
-        seconds = [one["cpu_seconds"] for one in scored]
+        times = [read_document(SCORES / name / "100.times.json") for name in WHOLE]
+        seconds = [one["seconds"] for one in times]
         robots = broken_robots(self.gaits, self.seed)
         for k, robot in enumerate(track(robots, "gaits", len(robots))):
             world = WorldConfig.of(robot)

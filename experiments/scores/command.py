@@ -117,7 +117,7 @@ def score(job: Job | OracleJob) -> dict[str, Any]:
     if job.earlier and entry.config:
         kept = read_result(Path(job.earlier), job) or {}
         controller, curve = Controller.from_dict(kept["controller"]), kept["curve"]
-        seconds = kept["seconds"] if "seconds" in kept else kept["cpu_seconds"]
+        seconds = kept["seconds"]
     else:
         controller, curve = entry.make(job.task, job.seed, job.divisor)
         seconds = time.process_time() - began
