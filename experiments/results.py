@@ -274,8 +274,8 @@ RESULTS: dict[str, Result] = {
         ),
         golden=(*_RUNS, "run joint", "evolve neat", "simulate nuisances", "simulate reactive"),
         cpu_minutes=180,
-        smallest="--smoke --replicates 1 --rounds 2 --generations 1 --population 10 --poses 1 "
-        "--seconds 2 --worlds plain drag",
+        smallest="--smoke --replicates 1 --rounds 2 --generations 3 --population 20 --poses 2 "
+        "--worlds plain drag",
         needs=("pybullet",),
     ),
     "gap-ten-trials": Result(
@@ -295,8 +295,7 @@ RESULTS: dict[str, Result] = {
         ),
         golden=(*_RUNS, "run joint", "evolve neat"),
         cpu_minutes=15,
-        smallest="--smoke --replicates 1 --rounds 2 --generations 1 --population 10 --poses 1 "
-        "--seconds 2",
+        smallest="--smoke --replicates 1 --rounds 2 --generations 3 --population 20 --poses 2",
     ),
     "inference": Result(
         commands=("python -m instruments.inference --seed 1 --bodies 0.4",),
@@ -358,8 +357,8 @@ RESULTS: dict[str, Result] = {
         },
         golden=(*_IDS, "evolve cma", "evolve neat", "drawn damage"),
         cpu_minutes=180,
-        smallest="--tasks forward --entries CPG NEAT CMA-ES 'CMA-ES, fins' 'PPO, fins' --replicates 1 "
-        "--episodes 2 --budget-divisor 1000",
+        smallest="--tasks forward --entries CPG NEAT CMA-ES 'CMA-ES, fins' 'PPO, fins' "
+        "--replicates 1 --episodes 2 --budget-divisor 1000",
         needs=("stable_baselines3",),
     ),
     "scores-return": Result(
