@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -206,3 +207,37 @@ def test_what_it_needs_and_is_not_here_is_said(
     assert capsys.readouterr().out == (
         "needy: left out, for it needs absent_module, out/downloads/absent\nnothing to do\n"
     )
+
+
+#: Minari writes a data set at once, in a file that holds its time.
+WITHOUT_SAME_BYTES = {"minari"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_the_smallest_results_resume_to_the_same_bytes(tmp_path: Path) -> None:
+    """Each is made at once, and again with SIGTERM after 10, 20, 40 ... seconds."""
+    names = [name for name, one in RESULTS.items() if one.smallest is not None]
+    names = [name for name in names if not RESULTS[name].missing()]
+    assert len(names) > 20
+    make = [sys.executable, "-m", "experiments.results", "--smallest", "--out"]
+    subprocess.run([*make, tmp_path / "whole", *names], cwd=ROOT, check=True)
+    seconds, code = 10.0, command_line.INTERRUPTED
+    while code == command_line.INTERRUPTED:
+        process = subprocess.Popen([*make, tmp_path / "again", *names], cwd=ROOT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(seconds)
+        process.terminate()
+        code = process.wait()
+        seconds *= 2.0
+    assert code == 0
+    for name in set(names) - WITHOUT_SAME_BYTES:
+        result = RESULTS[name]
+        for target, file in result.files.items():
+            if "times" in Path(target).name:
+                continue
+            whole, again = (
+                (tmp_path / out / "smallest" / (result.folder or name) / "run" / file).read_bytes()
+                for out in ("whole", "again")
+            )
+            assert again == whole, f"{name}: {file}"
