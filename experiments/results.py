@@ -366,7 +366,7 @@ RESULTS: dict[str, Result] = {
             "python -m experiments.scores --tasks forward --replicates 1 --controllers "
             "experiments/scores/results",
         ),
-        files={"docs/results/scores/return.md": "table.md"},
+        files={"docs/results/scores/return.md": "return.md"},
         golden=("AquaFishReturn-v0 numba", "drawn damage"),
         cpu_minutes=1,
         smallest="--episodes 2",

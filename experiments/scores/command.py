@@ -12,8 +12,9 @@ undamaged episode, and of the oracle's in the first 20 episodes (a dash where th
 one unit). The oracle is a gait evolved for the broken robot itself, its servo gains included, and
 refined from its state at the onset.
 
-DIR holds table.md, scores.png, curves.png, and a file for each controller with its weights,
-learning curve and returns. The same command resumes; one for fewer rows shows these.
+DIR holds table.md, return.md for AquaFishReturn-v0, times.md, scores.png, curves.png, and a file
+for each controller with its weights, learning curve and returns. The same command resumes; one for
+fewer rows shows these.
 """
 
 from __future__ import annotations
@@ -200,7 +201,7 @@ class Scores:
         return fixed or (Path(self.controllers or "") / job.file).exists()
 
     def execute(self) -> None:
-        """Do the missing jobs, print a table, and write it to table.md, the times to times.md."""
+        """Do the missing jobs, print a table, and write it to table.md, return.md and times.md."""
         jobs = self.jobs()
         if any(job.learns and not (self.out / job.file).exists() for job in jobs):
             load_extra("stable_baselines3")  # a missing package is refused before the first job
@@ -213,13 +214,14 @@ class Scores:
             "divisor": self.budget_divisor, "episodes": self.episodes, "entries": entries,
             ORACLE: [asdict(ORACLE_CONFIG), ORACLE_EPISODES],
         } | ({"controllers": str(self.controllers)} if self.controllers else {})  # fmt: skip
-        outputs = ("table.md", "times.md", PICTURE, CURVES)
+        outputs = ("table.md", "return.md", "times.md", PICTURE, CURVES)
         with experiment(
             jobs, score, self.out, "reference scores", settings, outputs, self.workers
         ) as (folder, results):
             tables = self._tables(jobs, results)
             write_tables(folder, tables)
         head, *body = tables["table"]
+        body += tables.get("return", [])[1:]
         for name, several in groupby(body, key=lambda row: row[0]):
             table = Table(*head[1:], title=name)
             for row in several:
@@ -287,7 +289,10 @@ class Scores:
         if spent:
             cells = [interval_text(interquartile_mean([best[tier]])) for tier in TIERS]
             rows.append([after, ORACLE, "the broken robot", "", *cells])
-        return {"table": rows, "times": times}
+        head, *body = rows
+        returned = [row for row in body if row[0].startswith(RETURN)]
+        others = [row for row in body if row not in returned]
+        return {"table": [head, *others], "return": [head, *returned], "times": times}
 
 
 def _rate(successes: Sequence[int], command: Scores) -> str:

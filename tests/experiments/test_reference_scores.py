@@ -52,18 +52,14 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
 def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     command = small(tmp_path, "zero", "CPG")
     command.execute()
-    _, _, *lines = (tmp_path / "table.md").read_text().splitlines()
-    assert [line.split(" | ")[:2] for line in lines] == [
-        [f"| {name}", entry]
-        for name in (
-            "AquaFish-v0",
-            "AquaFishRecovery-v0",
-            "AquaFishReturn-v0",
-            "AquaFishReturn-v0, success",
-            "AquaFishRecovery-v0, after the onset",
-        )
-        for entry in ("zero", "CPG")
-    ]
+    for file, names in (
+        ("table", ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")),
+        ("return", ("AquaFishReturn-v0", "AquaFishReturn-v0, success")),
+    ):
+        _, _, *lines = (tmp_path / f"{file}.md").read_text().splitlines()
+        assert [line.split(" | ")[:2] for line in lines] == [
+            [f"| {name}", entry] for name in names for entry in ("zero", "CPG")
+        ]
     for picture in ("scores.png", "curves.png"):
         assert is_drawn(tmp_path / picture)
     made = tmp_path / "runs" / "forward" / "CPG" / f"{FIRST_SEED}.json"
@@ -81,7 +77,7 @@ def test_controllers_of_an_earlier_run_play_again(tmp_path: Path) -> None:
         tmp_path, entries=("zero", "PPO, fins", "PPO, damaged"), tasks=("forward",), replicates=1,
         episodes=3, controllers=COMMITTED.parent, workers=1,
     ).execute()  # fmt: skip
-    rows = (tmp_path / "table.md").read_text().splitlines()
+    rows = (tmp_path / "return.md").read_text().splitlines()
     success = [row for row in rows if row.startswith("| AquaFishReturn-v0, success |")]
     assert success == [
         "| AquaFishReturn-v0, success | zero | nothing "
