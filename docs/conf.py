@@ -41,7 +41,7 @@ extensions = [
     "sphinx.ext.napoleon",
 ]
 # Tables that `make pages` writes into pages are no pages.
-TABLES = [f"results/{name}" for name in ("gaits", "inference", "league", "scores")]
+TABLES = [f"results/{n}" for n in ("gaits", "inference", "league", "performance", "scores")]
 exclude_patterns = ["_build", "_templates", *TABLES]
 templates_path = ["_templates"]
 html_static_path = ["_static"]

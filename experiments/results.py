@@ -339,6 +339,23 @@ RESULTS: dict[str, Result] = {
         smallest="--quick",
         needs=("mujoco", "pybullet"),
     ),
+    **{
+        f"performance-{name}": Result(
+            commands=(f"python -m instruments.benchmarks --only {groups}",),
+            files={f"docs/results/performance/{name}.md": "table.md"},
+            golden=_SWIMS,
+            cpu_minutes=minutes,
+            smallest="--quick",
+            needs=needs,
+        )
+        for name, groups, minutes, needs in (
+            ("environments", "environments resets learning", 3, ("mujoco", "stable_baselines3")),
+            ("training", "training", 2, ("stable_baselines3",)),
+            ("physics", "physics", 2, ("pybullet",)),
+            ("faults", "faults", 1, ("torch",)),
+            ("starting", "starting", 1, ()),
+        )
+    },
     "real-fish": _real(
         "fish", "https://github.com/giorgosmamakoukas/dataDrivenControlOfRoboticFish"
     ),

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from aquafish_gym import simulate
+from experiments.results import RESULTS
 from instruments.benchmarks import starting
 from instruments.benchmarks.__main__ import main
+from instruments.benchmarks.defaults import say_defaults, work_defaults
 from instruments.benchmarks.measure import measure
-from instruments.benchmarks.page import BLOCK, say_defaults, work_defaults
 from instruments.benchmarks.report import make_records
 from instruments.benchmarks.rows import GROUPS, Settings, load_provider
 
@@ -28,10 +29,9 @@ NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3", "training": "stabl
 
 @pytest.mark.pybullet
 def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:
-    out = tmp_path / "bench.json"
     words = ["--quick", "--robots", "32", "--steps", "8", "--turns", "1"]
-    assert main([*words, "--only", "physics", "bodies", "--out", str(out)]) == 0
-    text = out.read_text()
+    assert main([*words, "--only", "physics", "bodies", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "bench.json").read_text()
     assert platform.node() not in text
     rows = json.loads(text)["rows"]
     compared = [row for row in rows if row["ratio_to"] is not None]
@@ -117,16 +117,19 @@ def test_mujoco_baseline_turns_the_same_fins() -> None:
     assert abs(states[:, -1, 1:4] - dry[:, -1, 1:4]).max() > 0.01  # there is water
 
 
-PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
+ROOT = Path(__file__).parent.parent
+MEASURED = {
+    name: result.commands[0].partition(" --only ")[2].split()
+    for name, result in RESULTS.items()
+    if result.commands[0].startswith("python -m instruments.benchmarks ")
+}
 
 
-def test_the_page_was_measured_with_the_present_defaults() -> None:
+@pytest.mark.parametrize("name", MEASURED)
+def test_committed_figures_were_measured_with_the_present_defaults(name: str) -> None:
     """A default that changes what a step is makes every figure a figure of something else."""
-    blocks = list(BLOCK.finditer(PAGE.read_text("utf-8")))
-    assert {name for block in blocks for name in block[2].split()} == set(GROUPS)
-    for block in blocks:
-        assert say_defaults(block[2].split()) in block[0]
-        assert re.search(r"^Commit [0-9a-f]{7,}\.$", block[0], re.MULTILINE)
+    (file,) = RESULTS[name].files
+    assert (ROOT / file).read_text("utf-8").endswith(f"\n{say_defaults(MEASURED[name])}\n")
 
 
 def test_work_defaults_are_the_environments() -> None:
@@ -141,32 +144,24 @@ def test_work_defaults_are_the_environments() -> None:
 
 def test_figures_stand_on_one_page() -> None:
     """Nowhere else can they go stale."""
-    root = PAGE.parent.parent
-    pages = [root / "README.md", *root.glob("docs/*.md"), *root.glob("docs/*/*.md")]
+    pages = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("docs/*/*.md")]
     sources = [
         file
         for name in ("aquafish", "aquafish_gym", "eea", "gait")
-        for file in (root / name).rglob("*.py")
+        for file in (ROOT / name).rglob("*.py")
     ]
-    for file in {*pages, *sources} - {PAGE}:
+    for file in {*pages, *sources} - {ROOT / "docs" / "performance.md"}:
         assert not re.search(r"\d [kM] ?(robot-|env-)?(steps)?/s\b", file.read_text("utf-8")), file
 
 
-def test_a_page_is_measured_again(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    text = "Before\n<!-- benchmark: {} -->\nold\n<!-- end -->\nbetween\n"
-    page.write_text(text.format("bodies") + text.format("starting") + "after\n")
-    out = tmp_path / "bench.json"
-    words = ["--quick", "--turns", "1", "--only", "bodies", "--page", str(page)]
-    assert main([*words, "--out", str(out)]) == 0
-    found = page.read_text()
-    assert found.count("old") == 1
-    assert found.endswith(text.format("starting") + "after\n")
-    assert "pack a batch" in found
-    assert say_defaults(["bodies"]) in found
-    written = json.loads(out.read_text())
-    assert written["commit"] in found
+def test_a_folder_gets_records_and_table(tmp_path: Path) -> None:
+    words = ["--quick", "--turns", "1", "--only", "bodies", "--out", str(tmp_path)]
+    assert main(words) == 0
+    text = (tmp_path / "table.md").read_text("utf-8")
+    assert "pack a batch" in text
+    assert text.endswith(f"\n{say_defaults(['bodies'])}\n")
+    written = json.loads((tmp_path / "bench.json").read_text())
+    assert written["commit"]
     assert written["defaults"] == work_defaults(["bodies"])
-    page.write_text("no table")
-    assert main(words) == 2
-    assert main([*words[:-1], str(tmp_path / "absent.md")]) == 2
+    (tmp_path / "file").touch()
+    assert main([*words[:-1], str(tmp_path / "file")]) == 2

@@ -17,10 +17,10 @@ from rich.console import Console
 from aquafish_gym.engines.api import MAXIMUM_STEPS
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.progress import show_progress
-from aquafish_gym.utils.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.validation import finite_array, integer, one_of
+from instruments.benchmarks.defaults import present_commit, say_defaults, work_defaults
 from instruments.benchmarks.measure import LEAST_SECONDS, Timing, measure
-from instruments.benchmarks.page import blocks_of, present_commit, work_defaults, write_block
 from instruments.benchmarks.report import as_text, machine_facts, make_records, make_table
 from instruments.benchmarks.rows import GROUPS, Group, Settings, load_provider
 
@@ -46,14 +46,11 @@ class Bench:
     milliseconds find out what an idle one would do."""
     seed: int = 0
     """The random bodies, commands, fin angles and networks follow from it."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A JSON file to write as well."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIRECTORY")] = None
+    """Where to write bench.json and table.md as well."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
     """Some of the groups: physics, widths, bodies, mujoco, neat, environments, resets, faults,
     learning, training, tasks, pictures, starting, replicate."""
-    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A page whose tables are measured and replaced, such as docs/performance.md; with ``--only``
-    the tables that have one of the groups."""
     quick: bool = False
     """At most 64 robots, 32 steps and 2 turns: to see that it runs, not how fast."""
 
@@ -65,24 +62,15 @@ class Bench:
         finite_array("seconds", self.seconds, (), 0.0, 60.0, "s")
         integer("seed", self.seed, 0)
         names = tuple(dict.fromkeys(one_of("only", name, GROUPS) for name in self.only))
+        names = names or tuple(GROUPS)
         if self.out is not None:
-            if self.out.is_dir():
-                raise InvalidArgumentError(f"out must be a file; {self.out} is a directory")
-            ensure_writable_directory(self.out.parent, "out")
-        tables = [names or tuple(GROUPS)]
-        if self.page is not None:
-            if not self.page.is_file():
-                raise InvalidArgumentError(f"page must be a file; there is no {self.page}")
-            tables = [t for t in blocks_of(self.page) if not names or set(names) & set(t)]
-        commit = present_commit()
-        measured = [self._measure(groups) for groups in tables]
-        if self.page is not None:
-            for groups, (text, _) in zip(tables, measured, strict=True):
-                write_block(self.page, groups, text, commit)
+            ensure_writable_directory(self.out, "out")
+        facts = {"commit": present_commit(), "machine": machine_facts()}
+        text, document = self._measure(names)
         if self.out is not None:
-            documents = [document for _, document in measured]
-            whole = documents[0] if len(documents) == 1 else {"tables": documents}
-            write_document(self.out, {"commit": commit, "machine": machine_facts()} | whole)
+            write_document(self.out / "bench.json", facts | document)
+            shown = f"```text\n{text.rstrip()}\n```\n\n{say_defaults(names)}\n"
+            write_bytes(self.out / "table.md", shown.encode())
 
     def _measure(self, names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
         """Time groups and print their table; return it as text and as a document."""

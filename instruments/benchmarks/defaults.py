@@ -1,15 +1,8 @@
-"""The tables of docs/performance.md: what is measured there, when, and with which defaults.
-
-A table stands between two comments, of which the first names its groups:
-
-    <!-- benchmark: environments learning -->
-    <!-- end -->
-"""
+"""The defaults on which measured figures depend, and the commit of a measurement."""
 
 from __future__ import annotations
 
 import inspect
-import re
 import subprocess
 import textwrap
 from collections.abc import Callable, Iterable
@@ -20,10 +13,7 @@ import aquafish_gym
 from aquafish_gym.envs.batching import NUMBA_PRECISION
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.search.evolve import EvolveConfig
-
-BLOCK = re.compile(r"(<!-- benchmark: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 # Arguments that set how much work is done for one unit of a figure.
 _WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
@@ -58,7 +48,7 @@ def work_defaults(groups: Iterable[str]) -> dict[str, Any]:
 
 
 def say_defaults(groups: Iterable[str]) -> str:
-    """Return the sentence of a page that states the present defaults of groups."""
+    """Return the sentence that states the present defaults of groups."""
     every = (f"{name}={value!r}" for name, value in work_defaults(groups).items())
     return textwrap.fill(f"Defaults: {', '.join(every)}.", 120)
 
@@ -73,25 +63,3 @@ def present_commit() -> str:
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return done.stdout.strip()
-
-
-def blocks_of(page: Path) -> list[tuple[str, ...]]:
-    """Return the groups of each table of a page."""
-    found = [tuple(match[1].split()) for match in BLOCK.findall(page.read_text("utf-8"))]
-    if not found:
-        raise InvalidArgumentError(
-            f"page must hold a line like <!-- benchmark: physics -->; {page} has none"
-        )
-    return found
-
-
-def write_block(page: Path, groups: tuple[str, ...], table: str, commit: str) -> None:
-    """Replace the table of these groups, and what is said of it."""
-    new = f"```text\n{table.rstrip()}\n```\n\nCommit {commit}.\n{say_defaults(groups)}\n"
-
-    def replace(match: re.Match[str]) -> str:
-        if tuple(match[2].split()) != groups:
-            return match[0]
-        return match[1] + new + match[3]
-
-    page.write_text(BLOCK.sub(replace, page.read_text("utf-8")), "utf-8")
