@@ -310,7 +310,7 @@ RESULTS: dict[str, Result] = {
         files={"docs/results/inference/foreign.md": "foreign.md"},
         golden=("run joint", "simulate nuisances"),
         cpu_minutes=20,
-        smallest="--bodies 0.01 --only law-0.01",
+        smallest="--bodies 0.01 --only scale-0.01",
         needs=("mujoco", "pybullet"),
     ),
     "inference-strangers": Result(
