@@ -570,21 +570,20 @@ class MakeResults:
             )
         if self.plan:
             return
-        commit = "" if self.smallest else present_commit()
-        if not commit and not self.smallest:
-            print("the tree has uncommitted changes: committed results stay as they are")
-        failed = [name for name, result in todo.items() if not self._make(name, result, commit)]
+        failed = [name for name, result in todo.items() if not self._make(name, result)]
         if failed:
             print(f"failed: {', '.join(failed)}; the same command resumes", file=sys.stderr)
             raise SystemExit(1)
 
-    def _make(self, name: str, result: Result, commit: str) -> bool:
-        """Make a result; with a commit, replace the committed files. Return whether it went well.
+    def _make(self, name: str, result: Result) -> bool:
+        """Make a result and replace the committed files. Return whether it went well.
 
         Raises KeyboardInterrupt if it was interrupted.
         """
         base = self.out / ("smallest" if self.smallest else ".") / (result.folder or name)
         folder = ensure_writable_directory(base / "run").resolve()
+        # A result may be an input of the next: that must be committed first.
+        commit = "" if self.smallest else present_commit()
         spent = base / f"{name}.cpu"  # CPU seconds of all tries
         for command in result.commands:
             whole = f"{command} {(result.smallest or '') if self.smallest else ''}".strip()
@@ -601,6 +600,8 @@ class MakeResults:
         if lacking:
             print(f"{name}: {folder} lacks {', '.join(lacking)}", file=sys.stderr)
             return False
+        if not commit and not self.smallest:
+            print(f"{name}: stays in {folder}, for the tree has uncommitted changes")
         if commit:
             for target, file in result.files.items():
                 write_bytes(ROOT / target, (folder / file).read_bytes())
