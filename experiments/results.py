@@ -622,9 +622,7 @@ def write_record(name: str, record: Record) -> None:
 
 def fill_pages() -> None:
     """Write the tables of the committed results, and that of the records, into the pages."""
-    from experiments import pages  # which shows the records
-
-    pages.main()
+    subprocess.run([sys.executable, "-m", "experiments.pages"], cwd=ROOT, check=True)
 
 
 def _run(words: list[str]) -> int:
