@@ -82,6 +82,7 @@ GROUPS = {
             "tests/envs/test_fault_refusals.py",
             "tests/envs/test_fault_times.py",
             "tests/envs/test_fault_spaces.py",
+            "tests/contract/test_faces.py",
             "tests/envs/test_fault_batches.py",
             "tests/envs/test_fault_episodes.py",
             "tests/envs/test_schedule.py",

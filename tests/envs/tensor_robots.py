@@ -5,9 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+
+
+def array_of(library: str, dtype: str) -> Any:
+    """Return an array of a library, as Arms takes it, or skip the test."""
+    if library == "torch":
+        torch = pytest.importorskip("torch")
+        return torch.zeros(1, dtype=getattr(torch, dtype))
+    return pytest.importorskip("jax").numpy.zeros(1, dtype)
 
 
 class Arms(VectorEnv[Any, Any, Any]):
@@ -32,7 +41,7 @@ class Arms(VectorEnv[Any, Any, Any]):
     def array(self, values: Any) -> Any:
         """Return NumPy's numbers as an array of the library."""
         if isinstance(self._like, np.ndarray):
-            return values
+            return values.copy()
         module = type(self._like).__module__.partition(".")[0]
         if module == "torch":
             import torch
@@ -76,6 +85,7 @@ class Arms(VectorEnv[Any, Any, Any]):
         if mode is AutoresetMode.SAME_STEP and ended.any():
             last = self._seen()
             info["final_obs"] = self.array(last)
+            info["_final_obs"] = self.array(ended)
             if isinstance(self._like, np.ndarray):
                 info["final_obs"] = np.array([*last, None], object)[:-1]
             self._start(np.flatnonzero(ended))

@@ -30,6 +30,7 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.comparing import assert_same
 
 ENGINES = ("numba", "pybullet")
 GO = np.array([0.8, 0.6, 0.4], np.float32)
@@ -67,22 +68,6 @@ def test_a_spec_survives_json() -> None:
     assert one_info["faults"] == two_info["faults"] == 2
     assert (one_info["morphology"] == two_info["morphology"]).all()
     assert two_info["morphology"].tolist() == [0.4, 0.8, 0.1, 0, 0, 0, 0.1, 2.0, 1.0]
-
-
-@pytest.mark.pybullet
-def test_both_engines_are_the_same_environment() -> None:
-    envs = [make(engine=e, damage="caudal:length=0.5", fin_angles="random") for e in ENGINES]
-    rng = np.random.default_rng(0)
-    firsts = [env.reset(seed=3) for env in envs]
-    assert (firsts[0][0] == firsts[1][0]).all()
-    for _ in range(100):
-        action = rng.uniform(-1, 1, 3).astype(np.float32)
-        (a, ra, *_, ia), (b, rb, *_, ib) = (env.step(action) for env in envs)
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
-        assert ra == pytest.approx(rb, abs=1e-9)
-        np.testing.assert_allclose(ia["fin_angles"], ib["fin_angles"], rtol=0, atol=1e-9)
-    for env in envs:
-        env.close()
 
 
 @pytest.mark.parametrize("frame_skip", [5, 8, 100, 2000])
@@ -201,16 +186,6 @@ def test_divergence_terminates_the_episode() -> None:
     assert not env.step(GO)[4]["diverged"]
 
 
-def same(one: tuple[Any, ...], two: tuple[Any, ...]) -> None:
-    """Compare what two steps or resets returned, to the last bit."""
-    (seen, *numbers, info), (expected, *others, told) = one, two
-    assert (seen == expected).all()
-    assert numbers == others
-    assert list(info) == list(told)
-    for name, value in info.items():
-        assert np.array_equal(value, told[name]), name
-
-
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_copy_continues_as_the_original(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
     env = gym.make("AquaFish-v0", engine="numba", fin_angles="random", observe_fins=True)
@@ -220,10 +195,10 @@ def test_copy_continues_as_the_original(clone: Callable[[gym.Env], gym.Env]) -> 
     other, third = clone(env), clone(env)
     third.step(-GO)
     for _ in range(5):
-        same(env.step(GO), other.step(GO))
+        assert_same(env.step(GO), other.step(GO))
     assert env.unwrapped._steps == other.unwrapped._steps  # type: ignore[attr-defined]
-    same(env.reset(), other.reset())
-    same(env.step(GO), other.step(GO))
+    assert_same(env.reset(), other.reset())
+    assert_same(env.step(GO), other.step(GO))
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -235,14 +210,14 @@ def test_returned_arrays_are_not_reused(engine: str) -> None:
         e.reset(seed=0)
     for _ in range(3):
         mine, theirs = env.step(GO), other.step(GO)
-        same(mine, theirs)
+        assert_same(mine, theirs)
         kept.append((mine, copy.deepcopy(mine)))
         theirs[0][:] = np.nan
         theirs[4]["fin_angles"][:] = np.nan
         theirs[4]["morphology"][:] = np.nan
         theirs[4].clear()
     for mine, before in kept:
-        same(mine, before)
+        assert_same(mine, before)
     env.close()
     other.close()
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from fault_fakes import Echo, play, swim
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aquafish_gym import FaultWrapper, VectorFaultWrapper
+from aquafish_gym import FaultWrapper
 from aquafish_gym.damage import TIERS, Chance, Damage, Tier
 from aquafish_gym.damage.side import Side
 from aquafish_gym.envs.env import AquaFishEnv
@@ -174,74 +173,6 @@ def test_only_a_near_word_is_offered(word: str) -> None:
         Damage.parse(f"observation_0:{word}")
     near = {"dealy": "; did you mean 'delay'?", "stack": "; did you mean 'stuck'?"}.get(word, "")
     assert str(refusal.value).endswith(f"got {word!r}{near}")
-
-
-BUILT_IN = [
-    ("gyro_x:delay=0.6@2+3; north_y:hold=0.5@1; up_z:scale=0.7@3",
-     "observation_6:delay=0.6@2+3; observation_4:hold=0.5@1; observation_2:scale=0.7@3"),
-    ("gyro:delay=0.4; gyro:scale=1.1@2; gyro:noise=0.05@1",
-     "observation_6-8:delay=0.4; observation_6-8:scale=1.1@2; observation_6-8:noise=0.05@1"),
-    ("left_pectoral:delay=0.6@2+8; right_pectoral:hold=1@1",
-     "action_0:delay=0.6@2+8; action_1:hold=1@1"),
-    ("caudal:delay=0.4", "action_2:delay=0.4"),
-    ("left_pectoral:scale=0.5@3", "action_0:scale=0.5@3"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("engine", ["numba", "pybullet"])
-@pytest.mark.parametrize(("built_in", "channels"), BUILT_IN)
-def test_fish_has_the_same_to_the_bit_on_both_engines(
-    built_in: str, channels: str, engine: str
-) -> None:
-    # Noise is drawn from other streams.
-    built_in, channels = (
-        re.sub("gyro:noise|observation_6-8:noise", name, text)
-        for name, text in (("gyro_x:bias", built_in), ("observation_6:bias", channels))
-    )
-    whole = AquaFishEnv(engine=engine)
-    wrapped = FaultWrapper(whole, channels, neutral=[0.0, 0.0, -1.0])
-    own = AquaFishEnv(damage=built_in, engine=engine)
-    assert swim(wrapped) == swim(own) == swim(own) != swim(whole)
-    for env in (whole, own):
-        env.close()
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_a_batch_is_its_robots(mode: AutoresetMode) -> None:
-    """The batch, a batch of single fish, and a batch whose channels the wrapper breaks."""
-    built_in, channels = zip(*BUILT_IN, strict=True)
-    count, kwargs = len(BUILT_IN), {"frame_skip": 100, "fin_angles": "random"}
-    texts = [text.replace("0.6", "2").replace("hold=0.5@", "hold=1.5@").replace("0.4", "1")
-             for text in (*built_in, *channels)]  # fmt: skip
-    texts = [text.replace("hold=1@", "hold=2@").replace("@3", "@3+9") for text in texts]
-    built, sensed = texts[:count], texts[count:]
-    one: Any = AquaFishVectorEnv(
-        count, damage=built, dtype="float64", autoreset_mode=mode, **kwargs
-    )
-    two: Any = SyncVectorEnv(
-        [lambda d=d: AquaFishEnv(damage=d, engine="numba", **kwargs) for d in built],
-        autoreset_mode=mode,
-    )
-    three: Any = VectorFaultWrapper(
-        AquaFishVectorEnv(count, dtype="float64", autoreset_mode=mode, **kwargs),
-        [text.replace("noise=0.05", "bias=0.05") for text in sensed],
-        neutral=[0.0, 0.0, -1.0],
-    )
-    all_of = (one, two, three)
-    firsts = [envs.reset(seed=0)[0] for envs in all_of]
-    np.testing.assert_array_equal(firsts[0], firsts[1])
-    np.testing.assert_array_equal(firsts[0], firsts[2])
-    rng, noiseless = np.random.default_rng(0), [0, 2, 3, 4]
-    for step in range(45):
-        if mode is AutoresetMode.DISABLED and step in (20, 40):
-            again = [envs.reset()[0] for envs in all_of]
-            np.testing.assert_array_equal(again[0], again[1])
-        actions = rng.uniform(-1, 1, (count, 3)).astype(np.float32)
-        found = [envs.step(actions) for envs in all_of]
-        np.testing.assert_array_equal(found[0][0], found[1][0])
-        np.testing.assert_array_equal(found[0][0][noiseless], found[2][0][noiseless])
-        np.testing.assert_array_equal(found[0][-1]["servo_delay"], found[1][-1]["servo_delay"])
-        np.testing.assert_array_equal(found[0][-1]["faults"], found[2][-1]["faults"])
 
 
 def test_a_tier_of_ones_own_may_be_late(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,14 +8,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, Damage
 from aquafish_gym.engines.worlds import WORLDS, make_world
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
@@ -137,38 +135,6 @@ def test_noise_affects_only_the_gyroscope() -> None:
     assert away.std(axis=0) == pytest.approx(0.1, rel=0.1)
     assert np.abs(away.mean(axis=0)).max() < 0.015
     assert (said == [seen for seen, _ in swim(env, 1000)]).all()
-
-
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("damage", [None, SEVERAL, OTHERS, "random:severe@1-5+3"])
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_batch_equals_single_robots_to_the_bit(
-    task: str, damage: str | None, mode: AutoresetMode
-) -> None:
-    kwargs: dict[str, Any] = {
-        "task": task, "damage": damage, "fin_angles": "random", "frame_skip": 100,
-        "observe_fins": True if mode is AutoresetMode.NEXT_STEP else "reckoned",
-    }  # fmt: skip
-    batch = AquaFishVectorEnv(COUNT, dtype="float64", autoreset_mode=mode, **kwargs)
-    singles = SyncVectorEnv([lambda: make(**kwargs)] * COUNT, autoreset_mode=mode)
-    one: Any = batch.reset(seed=5)
-    two: Any = singles.reset(seed=5)
-    rng = np.random.default_rng(1)
-    for _ in range(round(TASKS[task].seconds) + 12):
-        for mine, other in zip(one[:-1], two[:-1], strict=True):
-            np.testing.assert_array_equal(mine, other)
-        agree(one[-1], two[-1])
-        action = rng.uniform(-1, 1, (COUNT, 3)).astype(np.float32)
-        one, two = batch.step(action), singles.step(action)
-
-
-def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
-    for name, value in theirs.items():
-        mask = theirs.get(f"_{name}", np.ones(COUNT, np.bool_))
-        if name == "final_info":
-            agree(ours[name], value)
-        elif name != "final_obs" and not name.startswith("_"):
-            np.testing.assert_array_equal(ours[name][mask], value[mask], name)
 
 
 def test_each_robot_of_a_batch_may_have_its_own_damage() -> None:

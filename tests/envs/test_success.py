@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from aquafish.online.gaits import load_library
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.tasks import ReturnToBuoys, Step, SwimForward
+from aquafish_gym.envs.tasks import ReturnToBuoys
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.arithmetic import Number
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 
@@ -24,15 +22,6 @@ NEAR = ReturnToBuoys(seconds=6.0, pace=0.003, slowest=0.0, fastest=0.001)
 TAIL = np.array([0.0, 0.0, 1.0], np.float32)
 STILL = np.array([0.0, 0.0, -1.0], np.float32)
 COUNT = 4
-
-
-@dataclass(frozen=True)
-class Climb(SwimForward):
-    """A task of one's own: a little way forward is enough."""
-
-    def succeeded(self, step: Step) -> Number:
-        """Return whether the robot is far enough."""
-        return np.where(np.asarray(step.after[1]) > 0.03, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
@@ -69,42 +58,6 @@ def test_other_tasks_say_nothing_of_success() -> None:
     assert "is_success" not in env.reset(seed=0)[1]
     assert "is_success" not in env.step(TAIL)[-1]
     assert "is_success" not in AquaFishVectorEnv(2).reset(seed=0)[1]
-
-
-@pytest.mark.parametrize("task", [NEAR, Climb(seconds=6.0)], ids=["built in", "own"])
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_a_batch_ends_and_begins_as_single_robots_do(task: Any, mode: AutoresetMode) -> None:
-    """To the last bit, also where faults begin after the success that they no longer meet."""
-    kwargs: dict[str, Any] = {"task": task, "damage": "caudal:weak=0.3@3; gyro:noise=0.1@1+5"}
-    ours: Any = AquaFishVectorEnv(COUNT, dtype="float64", autoreset_mode=mode, **kwargs)
-    theirs = SyncVectorEnv(
-        [lambda: AquaFishEnv(engine="numba", **kwargs)] * COUNT, autoreset_mode=mode
-    )
-    np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=5)[0])
-    rng = np.random.default_rng(0)
-    ends = np.zeros(2, int)
-    for _ in range(70):
-        actions = np.tile(TAIL, (COUNT, 1))
-        actions[:, :2] = rng.uniform(-0.2, 0.2, (COUNT, 2))
-        actions[-1] = STILL  # one never gets there
-        mine, other = ours.step(actions), theirs.step(actions)
-        for a, b in zip(mine[:4], other[:4], strict=True):
-            np.testing.assert_array_equal(a, b)
-        for name in ("is_success", "faults"):
-            np.testing.assert_array_equal(mine[4][name], other[4][name])
-        ends += [mine[2].sum(), mine[3][-1]]
-        done = mine[2] | mine[3]
-        if mode is AutoresetMode.SAME_STEP and done.any():
-            final = mine[4]["final_info"]["is_success"]
-            np.testing.assert_array_equal(final[done], mine[2][done])
-            np.testing.assert_array_equal(final[done], other[4]["final_info"]["is_success"][done])
-        elif mode is not AutoresetMode.SAME_STEP:
-            np.testing.assert_array_equal(mine[4]["is_success"], mine[2])
-        if mode is AutoresetMode.DISABLED and done.any():
-            again = [e.reset(options={"reset_mask": done.copy()})[0] for e in (ours, theirs)]
-            np.testing.assert_array_equal(*again)
-    assert ends[0] > COUNT
-    assert ends[1] == 2
 
 
 def test_a_whole_robot_has_thirty_percent_of_the_time_to_spare() -> None:

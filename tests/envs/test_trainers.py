@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import wrappers
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import vector as several
 
 from aquafish_gym import IDS, Morphology
@@ -67,39 +67,6 @@ def test_the_loop_of_cleanrl(name: str, native: bool) -> None:
             assert infos["episode"]["l"].tolist() == [lasts] * COUNT
     assert len(set(returns)) == COUNT
     envs.close()
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("name", IDS)
-def test_a_shorter_episode_is_the_same_singly_and_in_a_batch(
-    name: str, mode: AutoresetMode
-) -> None:
-    """Step for step, to the last bit, with Gymnasium's own limit and each way to begin anew."""
-    kwargs: dict[str, Any] = {"max_episode_steps": 7, "fin_angles": "random"}
-    ours: Any = gym.make_vec(name, COUNT, autoreset_mode=mode.value, dtype="float64", **kwargs)
-    theirs: Any = gym.make_vec(
-        name, COUNT, "sync", {"autoreset_mode": mode}, engine="numba", **kwargs
-    )
-    assert ours.autoreset_mode is ours.metadata["autoreset_mode"] is mode
-    rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=5)[0])
-    ends = 0
-    for _ in range(24):
-        actions = rng.uniform(-1, 1, (COUNT, 3)).astype(np.float32)
-        mine, other = ours.step(actions), theirs.step(actions)
-        for a, b in zip(mine[:4], other[:4], strict=True):
-            np.testing.assert_array_equal(a, b)
-        if mine[3].any():
-            ends += 1
-            if mode is AutoresetMode.SAME_STEP:
-                np.testing.assert_array_equal(
-                    np.stack(mine[4]["final_obs"]), np.stack(other[4]["final_obs"])
-                )
-            if mode is AutoresetMode.DISABLED:
-                again = [e.reset(options={"reset_mask": mine[3].copy()})[0] for e in (ours, theirs)]
-                np.testing.assert_array_equal(*again)
-    assert ends == 3
-    theirs.close()
 
 
 @pytest.mark.parametrize(

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
-from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.tasks import TASKS, Step, SwimForward, Task
+from aquafish_gym.envs.tasks import Step, SwimForward, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
+from tests.comparing import assert_same
 
 COUNT = 3
 
@@ -38,129 +35,12 @@ def actions(seed: int, steps: int) -> Any:
     return np.random.default_rng(seed).uniform(-1, 1, (steps, COUNT, 3)).astype(np.float32)
 
 
-def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
-    """Compare infos."""
-    assert set(ours) == set(theirs)
-    for name, value in theirs.items():
-        if isinstance(value, dict):
-            agree(ours[name], value)
-        elif name == "final_obs":
-            assert [v is None for v in ours[name]] == [v is None for v in value]
-            for a, b in zip(ours[name], value, strict=True):
-                assert a is b or (a == b).all()
-        elif value.dtype == object or value.dtype == bool:
-            assert ours[name].dtype == value.dtype
-            mask = theirs["_" + name.removeprefix("_")]
-            assert (ours[name][mask] == value[mask]).all(), name
-        else:
-            mask = theirs["_" + name]
-            assert (ours[name][mask] == value[mask]).all(), name
-
-
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_batch_equals_gymnasium_sync_of_single_environments(mode: AutoresetMode) -> None:
-    kwargs: dict[str, Any] = {"fin_angles": "random", "frame_skip": 125, "observe_fins": True}
-    ours = make(dtype="float64", autoreset_mode=mode.value, **kwargs)
-    theirs = gym.make_vec(
-        "AquaFish-v0",
-        num_envs=COUNT,
-        engine="numba",
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-        **kwargs,
-    )
-    assert ours.observation_space == theirs.observation_space
-    assert ours.action_space == theirs.action_space
-    assert ours.metadata["autoreset_mode"] is mode
-    (a, ia), (b, ib) = ours.reset(seed=5), theirs.reset(seed=5)
-    np.testing.assert_array_equal(a, b)
-    agree(ia, ib)
-    ends = 0
-    for action in actions(0, 40):
-        mine, other = ours.step(action), theirs.step(action)
-        np.testing.assert_array_equal(mine[0], other[0])
-        for x, y in zip(mine[1:4], other[1:4], strict=True):
-            np.testing.assert_array_equal(x, y)
-            assert x.dtype == y.dtype
-        agree(mine[4], other[4])
-        ends += int(mine[3].any())
-    assert ends == 2
-    ours.close()
-    theirs.close()
-
-
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("observe_fins", [False, True, "reckoned"])
-def test_every_task_is_the_single_environments_to_the_last_bit(
-    task: str, observe_fins: bool | str
-) -> None:
-    """Observations, rewards and infos, also over the ends of episodes."""
-    kwargs: dict[str, Any] = {
-        "task": replace(TASKS[task], seconds=2.4), "observe_fins": observe_fins,
-        "damage": "caudal:weak=0.5@1",
-    }  # fmt: skip
-    ours = make(dtype="float64", threads=2, **kwargs)
-    theirs = SyncVectorEnv([lambda: AquaFishEnv(engine="numba", **kwargs)] * COUNT)
-    (a, ia), (b, ib) = ours.reset(seed=5), theirs.reset(seed=5)
-    np.testing.assert_array_equal(a, b)
-    agree(ia, ib)
-    for action in 2.0 * actions(0, 30):  # some are clipped
-        mine, other = ours.step(action), theirs.step(action)
-        for x, y in zip(mine[:4], other[:4], strict=True):
-            np.testing.assert_array_equal(x, y)
-            assert x.dtype == y.dtype
-        agree(mine[4], other[4])
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_no_result_depends_on_threads(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lanes, "_WORTH_A_THREAD", 1)
-    one, two = (AquaFishVectorEnv(67, dtype=dtype, threads=n) for n in (1, 2))
-    same(one.reset(seed=3), two.reset(seed=3))
-    for action in np.random.default_rng(4).uniform(-1, 1, (5, 67, 3)):
-        same(one.step(action), two.step(action))
-
-
 def test_a_task_set_later_is_obeyed() -> None:
     env, other = make(), make(task=SwimForward(forward_weight=2.0))
     for e in (env, other):
         e.reset(seed=0)
     env.task = SwimForward(forward_weight=2.0)
-    same(env.step(actions(0, 1)[0]), other.step(actions(0, 1)[0]))
-
-
-def same(one: Any, two: Any) -> None:
-    """Compare what two steps or resets returned, to the last bit."""
-    assert type(one) is type(two)
-    if isinstance(one, dict):
-        assert list(one) == list(two)
-        one, two = tuple(one.values()), tuple(two.values())
-    if isinstance(one, tuple):
-        for a, b in zip(one, two, strict=True):
-            same(a, b)
-    elif isinstance(one, np.ndarray) and one.dtype == object:
-        same(tuple(one), tuple(two))
-    else:
-        assert np.array_equal(one, two)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copy_continues_as_the_original(
-    clone: Callable[[AquaFishVectorEnv], AquaFishVectorEnv], dtype: str, mode: str
-) -> None:
-    """In mid-episode, and over an episode's end."""
-    env = make(fin_angles="random", dtype=dtype, autoreset_mode=mode, frame_skip=250)
-    env.reset(seed=1)
-    for action in actions(7, 3):
-        env.step(action)
-    other, third = clone(env), clone(env)
-    third.step(-actions(7, 1)[0])
-    third.reset(options={"damage": "caudal:missing"})
-    for action in actions(8, 9):
-        same(env.step(action), other.step(action))
-    same(env.reset(), other.reset())
+    assert_same(env.step(actions(0, 1)[0]), other.step(actions(0, 1)[0]))
 
 
 def test_returned_arrays_are_not_reused() -> None:
@@ -169,12 +49,12 @@ def test_returned_arrays_are_not_reused() -> None:
         _, info = e.reset(seed=0)
     for action in actions(9, 3):
         mine, theirs = env.step(action), other.step(action)
-        same(mine, theirs)
+        assert_same(mine, theirs)
         theirs[0][:] = np.nan
         for value in theirs[4].values():
             value[...] = None if value.dtype == object else 0
     info["morphology"][:] = 0.0
-    same(env.step(action), other.step(action))
+    assert_same(env.step(action), other.step(action))
 
 
 def test_threads_work_after_a_fork() -> None:
@@ -351,31 +231,6 @@ def test_a_task_states_its_length_in_the_class_or_as_a_field() -> None:
         assert AquaFishEnv(engine="numba", task=task)._last == 150
     with pytest.raises(InvalidArgumentError, match=r"^task.seconds must lie in \[0.01, 3600\] s"):
         AquaFishEnv(engine="numba", task=Field(seconds=0.0))
-
-
-@pytest.mark.pybullet
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_robots_of_pybullet_are_its_single_robots(mode: str) -> None:
-    task = SwimForward(seconds=1.0)
-    options = {"engine": "pybullet", "damage": "random:severe@0.2-0.6; gyro:noise=0.02"}
-    both = [
-        make(num_envs=2, task=task, autoreset_mode=mode, **options),
-        gym.make_vec(
-            "AquaFish-v0",
-            num_envs=2,
-            vectorization_mode="sync",
-            vector_kwargs={"autoreset_mode": AutoresetMode(mode)},
-            task=task,
-            **options,
-        ),
-    ]
-    (one, _), (other, _) = (envs.reset(seed=9) for envs in both)
-    np.testing.assert_array_equal(one, other)
-    for action in np.random.default_rng(4).uniform(-1, 1, (12, 2, 3)).astype(np.float32):
-        for a, b in zip(*(envs.step(action)[:4] for envs in both), strict=True):
-            np.testing.assert_array_equal(a, b)
-    for envs in both:
-        envs.close()
 
 
 @pytest.mark.pybullet
