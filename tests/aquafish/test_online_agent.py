@@ -74,7 +74,7 @@ def test_it_notices_infers_and_changes_its_gait() -> None:
 
 
 def test_the_same_seed_gives_the_same_actions() -> None:
-    one, other = (swim("gyro:noise=0.01; caudal:missing@15", 110)[2] for _ in range(2))
+    one, other = (swim("gyro:noise=0.01; caudal:missing@3", 60)[2] for _ in range(2))
     np.testing.assert_array_equal(one, other)
 
 

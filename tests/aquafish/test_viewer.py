@@ -389,7 +389,9 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
 
 
 @needs_viser
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_ctrl_c_and_sigterm_end_the_command(number: signal.Signals) -> None:
     words = [sys.executable, "-m", "aquafish", "view", "--port", "8340"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:

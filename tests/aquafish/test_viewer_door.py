@@ -369,6 +369,7 @@ def test_without_its_door_the_server_does_not_start() -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="stops a process")
 def test_a_stalled_tab_does_not_hold_ctrl_c() -> None:
     words = [sys.executable, "-m", "aquafish", "view", "--port", "8380"]

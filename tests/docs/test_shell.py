@@ -75,15 +75,21 @@ def run(line: str) -> int:
     return subprocess.run(line, shell=True, check=False).returncode
 
 
+@pytest.mark.parametrize(
+    "pages", [pytest.param(PAGES, marks=pytest.mark.slow), PAGES[:1]], ids=["all", "README"]
+)
 @jobs_in_process()
 def test_pages_can_be_pasted_one_after_another(
-    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    pages: list[str],
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", list(sys.argv))
-    for page, lines in ALL.items():
-        for line in lines:
+    for page in pages:
+        for line in ALL[page]:
             if not line.startswith(tuple(NOT_RUN)):
                 assert run(line) == 0, f"{page}: {line}\n{capfd.readouterr().err}"
     written = {path.name for path in tmp_path.iterdir()}

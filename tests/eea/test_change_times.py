@@ -119,7 +119,7 @@ def test_a_window_of_many_changes_is_shorter():
     assert cut.remarks == ("of the 18 s of trial 1 the first 9.98 s are used",)
 
 
-@pytest.mark.parametrize("rows", [4, 10])
+@pytest.mark.parametrize("rows", [pytest.param(4, marks=pytest.mark.slow), 10])
 def test_a_slow_log_gives_the_body_and_when_its_commands_changed(rows, tmp_path):
     log, times = swim(rows, seed=3)
     found = infer_log(log, truth=BODY, threads=1)
@@ -140,6 +140,7 @@ def test_a_slow_log_gives_the_body_and_when_its_commands_changed(rows, tmp_path)
     assert load_posterior(tmp_path / "slow.npz").table() == found.belief.table()
 
 
+@pytest.mark.slow
 def test_times_within_a_step_are_unknown_only_where_a_log_needs_them():
     log, _ = swim(1, seed=5, apart=(0.3, 0.6))
     found = infer_log(log, truth=BODY, threads=1)
@@ -155,6 +156,7 @@ def test_times_within_a_step_are_unknown_only_where_a_log_needs_them():
     assert not any("change" in name for name in found.belief.table())
 
 
+@pytest.mark.slow
 def test_a_slow_log_with_a_mistake_is_explained_without_it():
     log, _ = swim(5, seed=4, seconds=6.0)
     wrong = SwimLog(log.time, log.gyro[:, [1, 0, 2]], log.commands)
@@ -162,7 +164,7 @@ def test_a_slow_log_with_a_mistake_is_explained_without_it():
     assert fits[0].change.axes == LogChange(axes=("y", "x", "z")).axes
 
 
-@pytest.mark.parametrize("rows", [1, 5, 10])
+@pytest.mark.parametrize("rows", [pytest.param(1, marks=pytest.mark.slow), 5, 10])
 def test_a_slow_swim_of_an_unchanged_body_raises_no_alarm_and_of_a_broken_one_does(rows):
     belief = known_body(BODY, NOISE, ())
     log, _ = swim(rows, seed=2, seconds=12.0, rest=False)
