@@ -16,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import resource
 import shlex
 import subprocess
 import sys
@@ -639,9 +638,9 @@ def _run(words: list[str]) -> int:
 
 
 def _children_seconds() -> float:
-    """Return the CPU seconds of the processes that this one has started and seen ending."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    """Return the CPU seconds of the processes that this one has started; 0 on Windows."""
+    used = os.times()
+    return used.children_user + used.children_system
 
 
 if __name__ == "__main__":
