@@ -77,7 +77,7 @@ $(VENV)/.created:
 	touch $@
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/.created
-	$(PIP) --editable .
+	$(PIP) --editable ".[all]"
 	touch $@
 
 # PyTorch first and by itself, from its CPU index: the build that the default index gives on
@@ -96,7 +96,8 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 	$(PIP) --editable ".[docs]"
 	touch $@
 
-# All of the above by one call of pip, for who needs all.
+# All of the above by one call of pip, and a group of dependencies, which pip knows since 25.1.
 $(VENV)/.installed-all: pyproject.toml | $(VENV)/.created $(VENV)/.installed-torch
-	$(PIP) --editable ".[test,rl,trainers,docs]"
+	$(PIP) --upgrade pip
+	$(PIP) --editable ".[test,rl,docs]" --group trainers
 	touch $(VENV)/.installed $(VENV)/.installed-test $(VENV)/.installed-docs $@

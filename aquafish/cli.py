@@ -12,6 +12,8 @@ CASE_STUDY = ("aquafish.recovery.command:CaseStudy", "the case study: damage, se
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, see ``run_command_line``."""
+    from aquafish_gym.utils.validation import MissingExtraError
+
     try:  # imported here, so that Ctrl-C is answered from the start
         from aquafish_gym.runs.command_line import end_at_signals, run_command_line
 
@@ -21,5 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
+    except MissingExtraError as error:
+        print(f"aquafish: {error}", file=sys.stderr)
+        return 2
     commands = {"recover": CASE_STUDY, "view": VIEW, "page": PAGE, **COMMANDS, **GAIT_COMMANDS}
     return run_command_line("aquafish", commands, arguments, REFUSED_ERRORS)

@@ -6,9 +6,15 @@ and also needs scipy. ``eea.fish`` binds both to the fish of ``aquafish_gym``. `
 many replicates. All packages except the core are loaded when first used.
 """
 
+from importlib.util import find_spec
+
 import lazy_loader
 
 from eea import core, fish
+
+for _name in ("matplotlib", "pandas", "scipy"):
+    if find_spec(_name) is None:
+        raise ImportError(f'eea needs {_name}: pip install "aquafish-gym[eea]"')
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,

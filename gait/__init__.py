@@ -4,7 +4,13 @@
 ``learning`` PPO for comparison. ``gait.sb3_env`` is a name that users import.
 """
 
+from importlib.util import find_spec
+
 import lazy_loader
+
+for _name in ("cma", "matplotlib", "neat", "scipy"):
+    if find_spec(_name) is None:
+        raise ImportError(f'gait needs {_name}: pip install "aquafish-gym[gait]"')
 
 # Imported when first used, so that a command handles Ctrl-C from the start; __init__.pyi has the
 # same names for type checkers.

@@ -207,5 +207,5 @@ def test_without_pybullet_the_sentence_says_what_to_do() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.startswith("EngineUnavailableError")
-    assert "pip install pybullet" in done.stdout
+    assert 'pip install "aquafish-gym[pybullet]"' in done.stdout
     assert 'engine="numba"' in done.stdout

@@ -133,7 +133,7 @@ def test_an_mp4_needs_no_folder_for_temporary_files(
 
 def test_an_mp4_without_its_extra_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtraError, match=r'pip install "\.\[film\]" in a clone'):
+    with pytest.raises(MissingExtraError, match=r'pip install "aquafish-gym\[film\]"'):
         film([straight(4.0)], tmp_path / "a.mp4", *SIZE)
     assert list(tmp_path.iterdir()) == []
 

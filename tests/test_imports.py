@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -11,15 +12,14 @@ from pathlib import Path
 
 import grimp
 import pytest
+from packaging.requirements import Requirement
+
+from tests.bare import project, run_bare
 
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 IN_A_CLONE = ("experiments", "instruments")  # packages that the wheel does not contain
 LAZY = ("eea", "eea.fish", "gait")
 HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
-# What is installed with the package and the environments do without.
-NOT_OF_ENVIRONMENTS = (
-    *HEAVY, "PIL", "aquafish_gym.runs", "cma", "neat", "pandas", "rich", "tyro", "viser"
-)  # fmt: skip
 # Programs and modules that use a heavy library only when they are asked to.
 MODULES = (
     "aquafish_gym",
@@ -43,20 +43,80 @@ def test_importing_loads_nothing_heavy(module: str) -> None:
     assert result.stdout.split() == []
 
 
-def test_environments_load_numpy_gymnasium_and_numba_alone() -> None:
-    code = f"""
+STEPS = """
 import sys, gymnasium, aquafish_gym
 for name in ("AquaFish-v0", "AquaFishRecovery-v0"):
-    env = gymnasium.make(name, engine="numba")
+    env = gymnasium.make(name, render_mode="rgb_array")
     env.reset(seed=0)
     env.step(env.action_space.sample())
-gymnasium.make_vec("AquaFish-v0", num_envs=2).reset(seed=0)
-print(*sorted({set(NOT_OF_ENVIRONMENTS)!r} & set(sys.modules)))
+    env.render()
+batch = gymnasium.make_vec("AquaFish-v0", num_envs=2)
+batch.reset(seed=0)
+batch.step(batch.action_space.sample())
+print("aquafish_gym.runs" in sys.modules, *{name.partition(".")[0] for name in sys.modules})
 """
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
+
+
+def test_environments_need_what_the_package_depends_on_and_nothing_else() -> None:
+    done = run_bare(STEPS)
+    assert done.returncode == 0, done.stderr
+    commands, *loaded = done.stdout.split()
+    assert commands == "False"
+    direct = {Requirement(line).name for line in project()["dependencies"]}
+    # The packages eea and gait need lazy-loader, to say what they lack.
+    assert direct - {"lazy-loader"} <= set(loaded)
+
+
+@pytest.mark.parametrize(
+    ("code", "extras", "message"),
+    [
+        ("import eea", (), 'ImportError: eea needs matplotlib: pip install "aquafish-gym[eea]"'),
+        ("import eea.core", (), 'pip install "aquafish-gym[eea]"'),
+        ("from gait import evaluate", (), 'ImportError: gait needs cma: pip install "aqua'),
+        ("import gait", ("eea",), 'pip install "aquafish-gym[gait]"'),
+        ("import aquafish.online", ("eea",), 'pip install "aquafish-gym[gait]"'),
+        ("import eea.__main__", ("eea",), 'pip install "aquafish-gym[cli]"'),
+        (
+            "import aquafish_gym, gymnasium\n"
+            "gymnasium.make('AquaFish-v0', engine='pybullet')",
+            (),
+            'pip install "aquafish-gym[pybullet]" on Linux',
+        ),
+        (
+            "from aquafish_gym.rendering import film; film([], 'film.webp')",
+            (),
+            'MissingExtraError: a film needs the extra film, with Pillow: pip install "aquafish-gym',
+        ),
+    ],
+)
+def test_what_needs_an_extra_names_it(code: str, extras: tuple[str, ...], message: str) -> None:
+    done = run_bare(code, *extras)
+    assert done.returncode == 1
+    assert message in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("extras", [(), ("eea", "gait")])
+def test_the_command_says_in_a_line_that_it_needs_an_extra(extras: tuple[str, ...]) -> None:
+    done = run_bare("from aquafish.cli import main; sys.exit(main(['--version']))", *extras)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert re.fullmatch(
+        r'aquafish: commands need the extra cli \(.*\): pip install "aquafish-gym\[cli\]"\n',
+        done.stderr,
     )
-    assert result.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("extra", "code"),
+    [
+        ("eea", "import eea; [getattr(eea, name) for name in eea.__all__]; import eea.study.figures"),
+        ("gait", "import gait; [getattr(gait, name) for name in gait.__all__]; import gait.plots"),
+        ("cli", "from aquafish.cli import main; sys.exit(main(['recover', '--help']))"),
+    ],
+)
+def test_an_extra_is_enough_for_what_it_is_named_for(extra: str, code: str) -> None:
+    done = run_bare(code, extra)
+    assert done.returncode == 0, done.stderr
 
 
 def stub(package: str) -> list[ast.ImportFrom]:

@@ -7,7 +7,7 @@ import os
 from importlib.util import find_spec
 from typing import Any
 
-from aquafish_gym.utils.validation import EngineUnavailableError, one_of
+from aquafish_gym.utils.validation import EngineUnavailableError, install_advice, one_of
 
 # One robot in one water, to rounding.
 NAMES = ("numba", "pybullet")
@@ -49,7 +49,7 @@ def load_pybullet() -> Any:
     except ImportError as error:
         raise EngineUnavailableError(
             'the engine "pybullet" needs the package pybullet, which is not installed here '
-            f"({error}): pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or use "
+            f"({error}): {install_advice('pybullet')} on Linux x86-64 with Python 3.11, or use "
             'engine="numba", the same robot compiled'
         ) from None
 

@@ -9,6 +9,7 @@ import itertools
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,10 +54,12 @@ def film(
 
     ``speed`` is relative to the swim; the ``title`` is at the top. Films as .webp and .gif repeat
     forever. GIF counts hundredths of a second, so only frame rates of 100 / n are exact. An .mp4
-    raises MissingExtraError without the extra ``film``. ``progress`` is called with the number of
-    drawn frames and of all frames.
+    needs the extra ``film``; without Pillow, every film does, and raises MissingExtraError.
+    ``progress`` is called with the number of drawn frames and of all frames.
     """
     suffix = film_suffix(path)
+    if find_spec("PIL") is None:
+        raise MissingExtraError(f"a film needs the extra film, with Pillow: {install_advice('film')}")
     callback("progress", progress)
     utf8_text("title", title)
     integer("width", width, 64, 4096)

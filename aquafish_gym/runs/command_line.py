@@ -21,9 +21,6 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin, get_type_hints
 
-import tyro
-from tyro.conf import arg
-
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.damage.words import (
@@ -37,14 +34,6 @@ from aquafish_gym.damage.words import (
 )
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.runs.command_help import (
-    FULL_HELP,
-    SHORT_HELP,
-    asked_help,
-    commands_help,
-    option_names,
-    print_help,
-)
 from aquafish_gym.runs.version import other_clone_here, version
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.interrupts import kept_interrupts
@@ -53,10 +42,26 @@ from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     MissingExtraError,
+    install_advice,
     integer,
     one_of,
     printable,
 )
+
+try:
+    import tyro
+    from tyro.conf import arg
+
+    from aquafish_gym.runs.command_help import (
+        FULL_HELP,
+        SHORT_HELP,
+        asked_help,
+        commands_help,
+        option_names,
+        print_help,
+    )
+except ModuleNotFoundError as error:
+    raise MissingExtraError(f"commands need the extra cli ({error}): {install_advice('cli')}") from None
 
 Errors = tuple[type[Exception], ...]
 BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraError)

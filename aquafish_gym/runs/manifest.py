@@ -17,8 +17,6 @@ from pathlib import Path
 from platform import python_version
 from typing import Any
 
-from filelock import lock_descriptor
-
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.version import PACKAGE, version
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
@@ -60,6 +58,8 @@ def lock(folder: Path) -> Iterator[None]:
 
 def _locked(path: Path) -> int:
     """Return the descriptor of a file, locked by this process; see :func:`lock`."""
+    from filelock import lock_descriptor  # of the extra cli: only commands lock
+
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)  # Windows has no O_NOFOLLOW
     with ExitStack() as undo:
         try:

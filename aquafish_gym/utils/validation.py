@@ -48,8 +48,8 @@ class EngineUnavailableError(ImportError):
 
 
 def install_advice(extra: str) -> str:
-    """Return the command that installs an extra, in a clone: no package is published yet."""
-    return f'pip install ".[{extra}]" in a clone of the repository'
+    """Return the command that installs an extra, also of a clone that was installed with -e."""
+    return f'pip install "aquafish-gym[{extra}]"'
 
 
 def one_of(argument: str, name: object, choices: Iterable[str]) -> str:

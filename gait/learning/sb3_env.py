@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.array_types import Flags, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance

@@ -11,7 +11,7 @@ from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.utils.validation import EngineUnavailableError, install_advice
 from instruments.verification.mujoco_model import load_mujoco
 
-NO_MUJOCO = f"MuJoCo is not installed, so its rows are left out: {install_advice('bench')}"
+NO_MUJOCO = f"MuJoCo is not installed, so its rows are left out: {install_advice('mujoco')}"
 
 
 @dataclass(frozen=True)

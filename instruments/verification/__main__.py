@@ -59,7 +59,7 @@ class Verification:
         left_out = [name for name, part in report.items() if part is None]
         if left_out:
             print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
-                  f"{install_advice('bench')}")  # fmt: skip
+                  f"{install_advice('mujoco')}")  # fmt: skip
         if self.out is not None:
             from instruments.verification.plots import save_pictures
 

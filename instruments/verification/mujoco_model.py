@@ -66,7 +66,7 @@ def load_mujoco() -> Any:
         return import_module("mujoco")
     except ImportError as error:
         raise EngineUnavailableError(
-            f"MuJoCo is not installed here ({error}): {install_advice('bench')}"
+            f"MuJoCo is not installed here ({error}): {install_advice('mujoco')}"
         ) from None
 
 

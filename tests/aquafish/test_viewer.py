@@ -259,7 +259,7 @@ def test_without_viser_the_extra_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     assert main(["view"]) == 2
-    assert 'pip install ".[view]" in a clone' in capsys.readouterr().err
+    assert 'pip install "aquafish-gym[view]"' in capsys.readouterr().err
 
 
 def test_wrong_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -390,7 +390,7 @@ def test_a_missing_extra_is_named(
     for library in ("pyarrow", "pymavlink.DFReader", "pyulog", "mcap.reader", "mcap_ros2.decoder"):
         monkeypatch.setitem(__import__("sys").modules, library, None)
     with pytest.raises(
-        MissingExtraError, match=r"needs the extra logs .*pip install \"\.\[logs\]\""
+        MissingExtraError, match=r"needs the extra logs .*pip install \"aquafish-gym\[logs\]\""
     ):
         read_log(path, columns)
 

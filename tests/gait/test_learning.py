@@ -225,7 +225,7 @@ def test_missing_library_is_named_with_its_remedy(
         raise ModuleNotFoundError(f"No module named {module!r}")
 
     monkeypatch.setattr(learning, "import_module", absent)
-    with pytest.raises(MissingExtraError, match=r'pip install "\.\[rl\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install "aquafish-gym\[rl\]"'):
         train(out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -227,7 +227,8 @@ def test_attributes_are_the_robots_own_or_refused() -> None:
     envs = ADAPTER.SB3VecEnv(several.TransformReward(batch(observe_fins=True), np.negative))
     assert envs.get_attr("observation_space") == [envs.observation_space] * 2
     assert envs.get_attr("dt", indices=[1]) == [0.2]
-    assert not envs.has_attr("velocity_of_light")
+    if hasattr(envs, "has_attr"):  # since 2.6
+        assert not envs.has_attr("velocity_of_light")
     with pytest.raises(AttributeError):
         envs.env_method("fly")
     assert envs.env_is_wrapped(several.TransformReward) == [True, True]

@@ -94,7 +94,7 @@ def test_a_timestep_must_be_positive(timestep: object) -> None:
 def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for use in (load_mujoco, mujoco_model, lambda: DryRobot(None, np.zeros(3), np.zeros(3))):
-        with pytest.raises(EngineUnavailableError, match=r'pip install "\.\[bench\]"'):
+        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[mujoco\]"'):
             use()
 
 

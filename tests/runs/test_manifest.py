@@ -48,7 +48,7 @@ def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
     def fail(*_arguments, **_options):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(manifest, "lock_descriptor", fail)
+    monkeypatch.setattr("filelock.lock_descriptor", fail)
     refused(tmp_path, "cannot lock .*: No locks available")
 
 
