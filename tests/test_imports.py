@@ -77,15 +77,14 @@ def test_environments_need_what_the_package_depends_on_and_nothing_else() -> Non
         ("import aquafish.online", ("eea",), 'pip install "aquafish-gym[gait]"'),
         ("import eea.__main__", ("eea",), 'pip install "aquafish-gym[cli]"'),
         (
-            "import aquafish_gym, gymnasium\n"
-            "gymnasium.make('AquaFish-v0', engine='pybullet')",
+            "import aquafish_gym, gymnasium\ngymnasium.make('AquaFish-v0', engine='pybullet')",
             (),
             'pip install "aquafish-gym[pybullet]" on Linux',
         ),
         (
             "from aquafish_gym.rendering import film; film([], 'film.webp')",
             (),
-            'MissingExtraError: a film needs the extra film, with Pillow: pip install "aquafish-gym',
+            'MissingExtraError: a film needs the extra film: pip install "aquafish-gym[film]"',
         ),
     ],
 )
@@ -109,8 +108,11 @@ def test_the_command_says_in_a_line_that_it_needs_an_extra(extras: tuple[str, ..
 @pytest.mark.parametrize(
     ("extra", "code"),
     [
-        ("eea", "import eea; [getattr(eea, name) for name in eea.__all__]; import eea.study.figures"),
-        ("gait", "import gait; [getattr(gait, name) for name in gait.__all__]; import gait.plots"),
+        (
+            "eea",
+            "import eea, eea.study.figures; [getattr(eea, name) for name in eea.__all__]",
+        ),
+        ("gait", "import gait, gait.plots; [getattr(gait, name) for name in gait.__all__]"),
         ("cli", "from aquafish.cli import main; sys.exit(main(['recover', '--help']))"),
     ],
 )

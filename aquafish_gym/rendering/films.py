@@ -59,7 +59,7 @@ def film(
     """
     suffix = film_suffix(path)
     if find_spec("PIL") is None:
-        raise MissingExtraError(f"a film needs the extra film, with Pillow: {install_advice('film')}")
+        raise MissingExtraError(f"a film needs the extra film: {install_advice('film')}")
     callback("progress", progress)
     utf8_text("title", title)
     integer("width", width, 64, 4096)

@@ -61,7 +61,9 @@ try:
         print_help,
     )
 except ModuleNotFoundError as error:
-    raise MissingExtraError(f"commands need the extra cli ({error}): {install_advice('cli')}") from None
+    raise MissingExtraError(
+        f"commands need the extra cli ({error}): {install_advice('cli')}"
+    ) from None
 
 Errors = tuple[type[Exception], ...]
 BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraError)

@@ -27,7 +27,9 @@ def main(readme: Path) -> None:
     with contextlib.redirect_stdout(printed):
         exec(compile(block, str(readme), "exec"), {"__name__": "readme"})
     assert printed.getvalue() == shown, (printed.getvalue(), shown)
-    there = sorted({one.metadata["Name"].lower() for one in distributions()} - {"pip", "setuptools"})
+    there = sorted(
+        {one.metadata["Name"].lower() for one in distributions()} - {"pip", "setuptools"}
+    )
     assert len(there) <= MOST, there
     command = [str(Path(sys.executable).parent / "aquafish"), "recover", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
