@@ -123,6 +123,19 @@ def league() -> str:
     return markdown_table(rows, words=1)
 
 
+def gap() -> str:
+    """Return how well each method infers bodies in worlds that it does not simulate."""
+    report = _read("gap/report.json")
+    found = {(one["world"], one["method"]): one for one in report["summary"]}
+    methods = ("none", "in-band", "out-of-band", "joint")
+    rows = [["world", "differs from the models in", *methods, "intervals of joint that hold"]]
+    for world, words in report["worlds"].items():
+        cells = [f"{found[world, method]['obj_fit']['mean']:.3f}" for method in methods]
+        held = found[world, "joint"]["covered"]["90%"]["mean"]
+        rows.append([f"`{world}`", words, *cells, f"{held:.0%}"])
+    return markdown_table(rows, words=2)
+
+
 def _read(path: str) -> dict[str, Any]:
     document: dict[str, Any] = json.loads((DOCS / path).read_text(encoding="utf-8"))
     return document
@@ -136,6 +149,7 @@ def inference_tables(report: Mapping[str, Any]) -> Mapping[str, Table]:
 
 TEXTS: dict[str, Callable[[], str]] = {
     "AquaFishEnv": environment,
+    "gap": gap,
     "league": league,
     "provenance": provenance,
     "recovery": recovery,

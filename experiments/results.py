@@ -262,7 +262,6 @@ RESULTS: dict[str, Result] = {
         commands=("python -m experiments.reality_gap --replicates 25",),
         files=_files(
             "docs/gap",
-            "report.md",
             "report.json",
             "times.md",
             "coverage.png",
@@ -283,7 +282,6 @@ RESULTS: dict[str, Result] = {
         ),
         files=_files(
             "docs/gap/ten-trials",
-            "report.md",
             "report.json",
             "times.md",
             "coverage.png",
