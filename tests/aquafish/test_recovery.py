@@ -219,25 +219,6 @@ def test_without_pybullet_nothing_is_missing(study: Path, again: Path) -> None:
     assert (again / outcome).read_bytes() == (study / outcome).read_bytes()
 
 
-MISTAKES = {
-    "damage": (("--damage", "left_pectorl:length=0.5"), "did you mean 'left_pectoral'"),
-    "steps": (("--steps", "100"), "steps must be a power of two; got 100"),
-    "models": (("--models", "0"), "estimation.population must be"),
-    "replicates": (("--replicates", "0"), "replicates must be a whole number of at least 1"),
-    "scheduler": (("--scheduler", "127.0.0.1"), "such as tcp://host:8786; got '127.0.0.1'"),
-}
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_refused_in_one_line(mistake: str, tmp_path: Path) -> None:
-    arguments, message = MISTAKES[mistake]
-    done = recover(tmp_path / "out", *arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_another_configuration_in_the_same_folder_is_refused(study: Path) -> None:
     done = recover(study, *SMALL, "--damage", "caudal:missing")
     assert done.returncode == 2

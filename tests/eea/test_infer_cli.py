@@ -118,29 +118,6 @@ def test_without_the_truth_there_is_no_fitness(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("uncompiled")
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--out", "new", "--nuisances", "gyro_bia"), "did you mean 'gyro_bias'?"),
-        (("--start", "moving", "--nuisances", "current"), "must be one of drag, servo_gain"),
-        (("--noise", "-1"), "noise must be a finite number of at least 1e-09; got -1.0"),
-        (("--nuisances", "curent"), "did you mean 'current'?"),
-        (("--truth", "nothing.json"), "truth must be a file that can be read"),
-        (("--seed", "-1"), "seed must be a whole number"),
-        (("--out", "new", "--threads", "0"), "threads must be a whole number of at least 1"),
-        (("--out", "/dev/null/x"), "out must be a directory that can be written"),
-    ],
-)
-def test_a_wrong_option_is_one_line(options, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["infer", "--log", str(SWIM), *options]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1
-    assert message in said[0]
-    assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.usefixtures("uncompiled")
 @pytest.mark.parametrize(("moving", "name"), [(False, "curent"), (True, "current")])
 def test_infer_log_refuses_nuisances_that_a_log_has_not(moving, name):
     log = swum([LEFT], FAST[:1])

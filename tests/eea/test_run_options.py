@@ -14,45 +14,6 @@ from quick_run import QUICK
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--steps", "100"], "steps must be a power of two; got 100"),
-        (["--condition", "joint", "--steps", "8"], "at least 16"),
-        (["--condition", "joint"], "exploration.population is for the condition ideal or none"),
-        (["--joint.bodies", "96"], "joint.bodies is for the condition joint; got none"),
-        (["--out-of-band.revisit", "0"], "out_of_band.revisit is for the condition out-of-band"),
-        (["--in-band.best", "3"], "in_band.best is for the condition in-band; got none"),
-        (["--in-band.k", "5"], "unknown option --in-band.k"),
-        (
-            ["--genetic.elite", "3"],
-            "unknown option --genetic.elite; did you mean --genetic.elites?",
-        ),
-        (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
-        (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
-        (["--out", ""], "--out must not be empty"),
-        (["--target-damage", "left_pectoral:lenght=0.5"], "did you mean 'length'"),
-        (["--target-morphology", "/nowhere.json"], "target_morphology must be a file"),
-        (["--current", "0", "nan", "0"], "current must be finite"),
-        (["--out", "/proc/nothing/here"], "out must be a directory that can be written"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, message):
-    out = [] if "--out" in arguments else ["--out", str(tmp_path / "out")]
-    assert main([*QUICK, *out, *arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert message in said.err
-    assert said.err.count("\n") == 1
-    assert not (tmp_path / "out" / "settings.json").exists()
-
-
-def test_nuisances_are_checked_by_name(tmp_path, capsys):
-    words = ["run", "--joint.nuisances", "curent", "--out", str(tmp_path / "out")]
-    assert main(words) == 2
-    assert "did you mean 'current'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
     ("words", "changes"),
     [
         ([], {"revisit": 5, "sampled_models": 5}),

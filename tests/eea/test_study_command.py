@@ -178,47 +178,6 @@ def test_joint_inference_is_an_arm_with_the_same_hidden_angles(tmp_path):
     assert sure["width"]["50%"] < sure["width"]["90%"]
 
 
-REFUSED = [
-    ([], "either --figure or"),
-    (["--figure", "5", "--steps", "100"], "steps must be a power of two; got 100"),
-    (["--figure", "5", "--steps", "64", "64"], "steps must differ from each other"),
-    (["--figure", "5", "--replicates", "1" + 400 * "0"], "replicates must be .* at most 10000"),
-    (["--figure", "5", "--workers", "0"], "workers must be a whole number"),
-    (["--figure", "5", "9", "--in-band.best", "5"], "in_band.best is for the condition in-band"),
-    (
-        ["--figure", "7", "--preset", "smoke", "--in-band.best", "7"],
-        "in_band.best must be at most estimation.population, 6; got 7",
-    ),
-    (
-        ["--figure", "5", "--out-of-band.period", "4"],
-        "out_of_band.period is for the condition out-of-band",
-    ),
-    (
-        ["--conditions", "out-of-band", "--out-of-band.sampled-models", "26"],
-        "sampled_models must be at most estimation",
-    ),
-    (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),
-    (["--conditions"], "either --figure or"),
-    (["--figure", "7", "--in-band.best", "x"], "--in-band.best must have values .*; got 'x'"),
-    (["--figure", "7", "--rounds", "x"], "--rounds must have values .*; got 'x'"),
-    (["--figure", "12"], "--figure must be one of 5, 6, 7, 8, 9, 10, all; got '12'"),
-    (
-        ["--conditions", "in-bnd"],
-        "must be one of ideal, none, in-band, out-of-band, recovery, joint; got 'in-bnd'; did you",
-    ),
-    (["--figure", "5", "--step", "64"], "unknown option --step; did you mean --steps"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), REFUSED)
-def test_wrong_options_are_refused_before_anything_is_written(tmp_path, capsys, arguments, message):
-    out = tmp_path / "out"
-    assert main(["study", *arguments, "--out", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert re.search(message, said), said
-    assert not out.exists() or not list(out.iterdir())
-
-
 def test_figures_have_the_papers_settings():
     study = asked("--figure", "all")
     names = ["ideal", "none", "in-band", "in-band-200", "out-of-band", "out-of-band-100"]

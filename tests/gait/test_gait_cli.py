@@ -83,58 +83,6 @@ def test_transfer_prints_and_writes_the_same_numbers(
     assert (out / "trajectories.png").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["evolve", "--out", "{file}"], "out must be a directory that can be written"),
-        (["evolve", "--out", "{dir}", "--damage", "caudal:lenth=1"], "did you mean 'length'"),
-        (["evolve", "--out", "{dir}", "--morphology", "{dir}/no.json"], "No such file"),
-        (["evolve", "--out", "{dir}", "--generations", "0"], "generations must be"),
-        (["evolve", "--out", ""], "--out must not be empty"),
-        (["evolv"], "did you mean 'evolve'"),
-        (["evolve", "--out", "{dir}", "--cma-generations", "9"], "has an effect only with"),
-        (
-            ["evolve", "--out", "{dir}", "--paper", "--search", "cma"],
-            "paper has an effect only with",
-        ),
-        (
-            ["evolve", "--out", "{dir}", "--paper", "--controller", "recurrent"],
-            "controller has an effect only with",
-        ),
-        (["evolve", "--out", "{dir}", "--task", "station", "--seconds", "20"], "--seconds has no"),
-        (
-            ["evolve", "--out", "{dir}", "--senses", "imu", "--harmonics", "3"],
-            "harmonics has an effect only with",
-        ),
-        (
-            ["evolve", "--out", "{dir}", "--controller", "linear", "--hidden", "6"],
-            "hidden has an effect only with",
-        ),
-        (["film", "{good}", "--html", "{dir}/a.html", "--fps", "20"], "--fps has no effect"),
-        (["evolve", "--out", "{dir}", "--world.lag", "1.1"], "lag must"),
-        (["transfer", "--controller", "{file}"], "is not JSON"),
-        (["transfer", "--controller", "{good}", "--target-engine", "bullet"], "'pybullet'"),
-        (["baseline", "--out", "{dir}", "--interval", "7"], "the nearest is 5"),
-        (["baseline", "--out", "{dir}", "--steps", "0"], "steps must be"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(
-    tmp_path: Path,
-    controller_file: str,
-    arguments: list[str],
-    message: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    file = tmp_path / "file"
-    file.write_text("fish")
-    assert main([a.format(file=file, dir=tmp_path, good=controller_file) for a in arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert said.err.startswith("gait: ")
-    assert message in said.err
-
-
 def test_interrupted_evolve_keeps_its_files_and_resumes(tmp_path: Path) -> None:
     out = tmp_path / "out"
     settings = ["--paper", "--population", "12", "--seconds", "0.5", "--generations"]
