@@ -208,13 +208,11 @@ def test_numbers_are_read_to_the_last_bit(
     assert again._config == env._config
 
 
-@pytest.mark.parametrize("entry", ["env:AquaFishEnv", "aquafish:AquaFishEnv", "AquaFishEnv"])
-def test_entry_points_outlive_moves(entry: str) -> None:
-    """Of specifications that were written before, and of those of today."""
+def test_an_entry_point_is_the_public_name() -> None:
     public = {spec.entry_point for name, spec in gym.registry.items() if name in aquafish_gym.IDS}
     assert public == {"aquafish_gym:AquaFishEnv"}
-    place = f"aquafish_gym{'.envs.' if entry[0] != 'A' else ':'}{entry}"
-    spec = {"id": "AquaFish-v0", "entry_point": place, "additional_wrappers": [], "kwargs": {
+    spec = {"id": "AquaFish-v0", "entry_point": "aquafish_gym:AquaFishEnv",
+            "additional_wrappers": [], "kwargs": {
         "engine": "numba", "damage": {"faults": Damage.parse("caudal:missing@2").to_list()}
     }}  # fmt: skip
     env = gym.make(EnvSpec.from_json(json.dumps(spec)))

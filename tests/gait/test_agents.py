@@ -246,8 +246,19 @@ def random_controller(interval: int) -> Controller:
     )
 
 
+#: The shortest and the longest interval, and two of which 4.2 s are no whole number.
+QUICK_INTERVALS = (1, 8, 11, 20)
+
+
+def nightly(interval: int, *more: Any) -> Any:
+    """Return a test's parameters, which are nightly unless the interval is a quick one."""
+    return pytest.param(
+        interval, *more, marks=() if interval in QUICK_INTERVALS else pytest.mark.slow
+    )
+
+
 @pytest.mark.pybullet
-@pytest.mark.parametrize("interval", range(1, 21))
+@pytest.mark.parametrize("interval", [nightly(interval) for interval in range(1, 21)])
 def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int) -> None:
     """4.2 s are no whole number of most intervals."""
     controller = random_controller(interval)
@@ -292,7 +303,7 @@ WORLDS_OF_SWIMS = [
 
 @pytest.mark.pybullet
 @pytest.mark.parametrize("damage", WORLDS_OF_SWIMS)
-@pytest.mark.parametrize("interval", range(1, 21))
+@pytest.mark.parametrize("interval", [nightly(interval) for interval in range(1, 21)])
 def test_swim_scores_and_evaluate_are_the_same_swim(interval: int, damage: str) -> None:
     """Of random controllers with a memory, a clock and fins that they reckon, on both engines."""
     seconds = 0.01 * interval * (300 // interval)
