@@ -28,7 +28,7 @@ test: $(VENV)/.installed-test
 	$(PY) -m pytest -m "not slow" $(PARALLEL) $(ARGS)
 
 test-slow: $(VENV)/.installed-test
-	$(PY) -m pytest -m slow $(PARALLEL) $(ARGS)
+	$(PY) -m pytest -m slow --timeout 3600 $(PARALLEL) $(ARGS)
 
 lint: $(VENV)/.installed-test
 	$(PY) -m ruff format --check .

@@ -310,7 +310,9 @@ def test_a_closed_output_is_no_error(words: str) -> None:
     assert process.returncode == (2 if "export" in words else 0)
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.3, 0.6, 1.0, 1.5])
+@pytest.mark.parametrize(
+    "delay", [0.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.05, 0.6, 1.0, 1.5))]
+)
 def test_termination_at_the_start_leaves_no_traceback(delay: float) -> None:
     process = start("infer --log examples/logs/swim.csv", stdout=subprocess.DEVNULL)
     time.sleep(delay)

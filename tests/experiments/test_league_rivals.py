@@ -158,6 +158,7 @@ def small_trainings(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "Plan", partial(module.Plan, rounds=2))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_trainings")
 def test_a_training_that_was_interrupted_gives_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
