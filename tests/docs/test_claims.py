@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+
+from eea.study.arms import MINUS
+from experiments.pages import pages
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -44,7 +48,7 @@ def gain(entrant: str, tier: str, over: str = "blind") -> float:
     found = document("results/league/league.json")
     if over in found[entrant][tier]["over"]:
         return float(found[entrant][tier]["over"][over]["mean"][0])
-    return -float(found[over][tier]["over"][entrant]["mean"][0])
+    return -float(found[over][tier]["over"][entrant]["mean"][0])  # known the other way round
 
 
 def worse(entrant: str) -> int:
@@ -70,6 +74,53 @@ def number(path: str, row: str, column: str) -> float:
     return float(found[0])
 
 
+def percent(more: str, than: str) -> float:
+    """Return by how much a treatment of the case study swims farther than another, in %."""
+    return 100.0 * (distance(more) / distance(than) - 1.0)
+
+
+def wins(first: str, second: str) -> int:
+    """Return in how many replicates a treatment swims farther than another."""
+    (found,) = (
+        one
+        for one in document("recovery/report.json")["paired"]
+        if (one["first"], one["second"]) == (first, second)
+        and one["measure"] == "target_distance_random_poses"
+    )
+    return int(found["wins"])
+
+
+def physics(part: str, **wanted: Any) -> dict[str, Any]:
+    """Return the row of a part of the verification of the physics that has some entries."""
+    rows = document("physics/report.json")[part]
+    rows = rows if isinstance(rows, list) else rows["rows"]
+    (found,) = [row for row in rows if wanted.items() <= row.items()]
+    return dict(found)
+
+
+def worst_quadrature() -> float:
+    """Return the largest rms error of the law's points, in %."""
+    rows = [r for r in document("physics/report.json")["quadrature"]["rows"]
+            if r["rule"] == "the law's"]  # fmt: skip
+    return 100.0 * max(max(row["force"], row["torque"]) for row in rows)
+
+
+def figures(arm: str, *durations: int) -> float:
+    """Return the mean OBJ_FIT of an arm of the paper's figures."""
+    (found,) = (
+        one["objective_fitness"]["mean"]
+        for one in document("results/figs-5-to-10/summary.json")["fitness"]
+        if one["arm"] == arm and one["durations"] == list(durations)
+    )
+    return float(found)
+
+
+def angle_errors(arm: str) -> list[float]:
+    """Return the mean errors of the three hidden angles in the last round, in degrees."""
+    found = document("results/figs-5-to-10/summary.json")["angle_error"][arm]
+    return sorted(math.degrees(one["mean"]) for one in found.values())
+
+
 class Claim(NamedTuple):
     """A sentence of a page, with the places of its numbers, and the numbers."""
 
@@ -84,6 +135,11 @@ class Claim(NamedTuple):
 
 TIERS = ("severe", "moderate", "mild")
 LEAGUE = "results/league"
+SCORES = "results/scores/table.md"
+FOREIGN = "results/inference/foreign.md"
+HERO = "self-model"
+CEILING = [number(f"{LEAGUE}/ceiling.md", tier, "self-model, share") for tier in TIERS]
+ORACLES = [number(f"{LEAGUE}/ceiling.md", tier, "oracle, share") for tier in TIERS]
 CLAIMS = [
     Claim(
         "README.md",
@@ -116,16 +172,210 @@ CLAIMS = [
         "is worth {:.1f} units after severe damage, {:.1f} after moderate and {:.1f} after mild "
         "damage.",
         (
-            way("self-model", "severe"),
+            way(HERO, "severe"),
             way("oracle", "severe"),
             way("blind", "severe"),
-            *(gain("self-model", tier) for tier in TIERS),
+            *(gain(HERO, tier) for tier in TIERS),
         ),
     ),
     Claim(
         "paper/paper.md",
         "the agent keeps {:.0f}% of its way after severe damage.",
         (number(f"{LEAGUE}/ceiling.md", "severe", "self-model, share"),),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "Recognising is worth {:.1f} units after severe damage, {:.1f} after moderate and {:.1f} "
+        "after mild. The agent is behind blind in {} of 120 episodes. More is hardly to be had: "
+        "the oracle gains {:.1f}, {:.1f} and {:.1f}.",
+        (
+            *(gain(HERO, tier) for tier in TIERS),
+            worse(HERO),
+            *(gain("oracle", tier) for tier in TIERS),
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "Without refinement (*library only*) the agent loses {:.1f}, {:.1f} and {:.1f} units. RMA "
+        "searches nothing in an episode and is {:.1f}, {:.1f} and {:.1f} units behind the agent",
+        (
+            *(gain(HERO, tier, "self-model, library only") for tier in TIERS),
+            *(gain(HERO, tier, "RMA") for tier in TIERS),
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "The agent keeps {:.0f}% of the ceiling's way after severe damage, and {:.0f}% or more "
+        "after moderate and mild. What is left is not recognition: the oracle keeps {:.0f}% to "
+        "{:.0f}%.",
+        (CEILING[0], math.floor(min(CEILING[1:])), min(ORACLES), max(ORACLES)),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "the agent keeps {:.0f}% of the oracle's pace, and is right in {} episodes",
+        (
+            100.0 * number(f"{LEAGUE}/three-faults.md", "three faults", "pace, of the oracle's"),
+            cell(f"{LEAGUE}/three-faults.md", "three faults", "right"),
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "right in {}. They leave {:.0%} of the pace that the same fault leaves after 15 s.",
+        (
+            cell(f"{LEAGUE}/early.md", "early", "right"),
+            number(f"{LEAGUE}/early.md", "early", "pace, units/s")
+            / number(f"{LEAGUE}/early.md", "after 15 s", "pace, units/s"),
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "**A current that begins**: found within 0.03 units/s in {} episodes",
+        (cell(f"{LEAGUE}/current-begins.md", "current begins", "right"),),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "the agent gains {:.1f} units over blind and keeps {:.0f}% of the oracle's pace",
+        (
+            number(f"{LEAGUE}/held-out.md", "blind", "lost, held-out")
+            - number(f"{LEAGUE}/held-out.md", HERO, "lost, held-out"),
+            100.0
+            * number(f"{LEAGUE}/held-out-recognition.md", "held-out", "pace, of the oracle's"),
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "after severe damage the agent returns in time in {:g}% of the episodes, blind in {:g}%",
+        tuple(number(f"{LEAGUE}/return.md", who, "success, severe") for who in (HERO, "blind")),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "{:.2f} units after severe damage in MuJoCo's box water, {:.2f} with added mass, {:.2f} "
+        "among vortices",
+        tuple(
+            number(f"{LEAGUE}/waters-severe.md", HERO, water)
+            for water in ("mujoco", "reactive", "vortices")
+        ),
+    ),
+    Claim(
+        "docs/swimming_on.md",
+        "with unknown fin angles recognising is worth {:.2f} units after severe damage, with the "
+        "gyroscope alone {:.2f}.",
+        tuple(
+            number(f"{LEAGUE}/{table}.md", HERO, "gain over blind, severe")
+            for table in ("imu", "gyroscope")
+        ),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "It swims {:.0f}% farther than a gait evolved for any damage and {:.0f}% farther than the "
+        "old gait, in ten of ten damages each.",
+        (percent("joint-fins", "randomised"), percent("joint-fins", "undamaged")),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "the gain over the gait for any damage is {:.0f}%, in nine of ten",
+        (percent("joint", "randomised"),),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "makes {:.0f}% more in the 20 s after the damage than the gait for the true body",
+        (percent("swims-on", "oracle-fins"),),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "takes {:.0f} hours of swimming",
+        (recovered("direct", "trials") * 20.0 / 3600.0,),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "The paper's method keeps {:.0f}% of the distance of its own oracle",
+        (100.0 + percent("out-of-band", "oracle-neat"),),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "PPO returns {:.1f} times the CPG with IMU and clock, and {:.0f} times with known fin "
+        "angles.",
+        tuple(
+            number(SCORES, f"AquaFish-v0|{entry}", "whole")
+            / number(SCORES, "AquaFish-v0|CPG", "whole")
+            for entry in ("PPO", "PPO, fins")
+        ),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "Training on damage costs PPO {:.0%} without damage",
+        (
+            1.0
+            - number(SCORES, "AquaFish-v0|PPO, damaged", "whole")
+            / number(SCORES, "AquaFish-v0|PPO, fins", "whole"),
+        ),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "still returns {:.0f} of 300, PPO with known fin angles {:.0f}.",
+        tuple(number(SCORES, f"AquaFishStation-v0|{e}", "whole") for e in ("still", "PPO, fins")),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "PPO with known fin angles is best ({:.0f}, three to four points in a minute)",
+        (number(SCORES, "AquaFishWaypoint-v0|PPO, fins", "whole"),),
+    ),
+    Claim(
+        "docs/results.md",
+        "{:.3f}, {:.3f}, {:.3f} and {:.3f} at 128, 256, 512 and 1024 steps",
+        tuple(figures("ideal", steps) for steps in (128, 256, 512, 1024)),
+    ),
+    Claim(
+        "docs/results.md",
+        "**Out-of-Band is better than in the paper**, {:.3f} instead of about 0.90.",
+        (figures("out-of-band", 128, 256, 512, 1024),),
+    ),
+    Claim(
+        "docs/results.md",
+        "Out-of-Band infers the angles to {:.0f} to {:.0f} degrees, In-Band to {:.0f} to {:.0f}.",
+        (
+            angle_errors("out-of-band")[0],
+            angle_errors("out-of-band")[-1],
+            angle_errors("in-band")[0],
+            angle_errors("in-band")[-1],
+        ),
+    ),
+    Claim(
+        "docs/validation.md",
+        "With a hull twice as heavy, at 0.01 rad/s, half of the fits pass as good, and their "
+        "intervals hold {}.",
+        (cell(FOREIGN, "hull 100% heavier *|0.01", "of good fits"),),
+    ),
+    Claim(
+        "docs/validation.md",
+        "With a turned gyroscope or slow servos, at 0.03 rad/s, one fit of eight passes as good, "
+        "and its intervals hold {}.",
+        (cell(FOREIGN, "gyroscope turned by 3 degrees|0.03", "of good fits"),),
+    ),
+    Claim(
+        "docs/physics_appendix.md",
+        "At 0.01 s it is {:.3f} units in the median of twenty robots, and {:.3f} units at most.",
+        tuple(
+            physics("convergence", what="position", step=0.01)[key] for key in ("median", "maximum")
+        ),
+    ),
+    Claim(
+        "docs/physics_appendix.md",
+        "The law's rms error is at most {:.1f}% of the rms force or torque, on fins and body.",
+        (worst_quadrature(),),
+    ),
+    Claim(
+        "docs/physics_appendix.md",
+        "in units of 6.25 mN, and the simulator's is {:.4f}",
+        (document("physics/report.json")["reactive"]["held"][0]["reactive"],),
+    ),
+    Claim(
+        "docs/physics_appendix.md",
+        "float32 is at most {:.1e} units from float64 after 5.12 s, and {:.1e} units after 20 s.",
+        tuple(
+            physics("single_precision", what="position", seconds=seconds)["maximum"]
+            for seconds in (5.12, 20.0)
+        ),
     ),
 ]
 
@@ -138,3 +388,64 @@ def plain(text: str) -> str:
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda c: f"{c.page}: {c.sentence[:40]}")
 def test_a_page_claims_what_was_measured(claim: Claim) -> None:
     assert plain(claim.written()) in plain((ROOT / claim.page).read_text(encoding="utf-8"))
+
+
+#: What README and paper say of methods, not of results.
+SETTINGS = {"2.56", "0.01", "95%", "0.05"}
+
+
+@pytest.mark.parametrize(
+    ("page", "begin", "end"),
+    [("README.md", "## Does it recover?", "## Where to go"), ("paper/paper.md", "# Summary", "")],
+)
+def test_every_number_is_claimed(page: str, begin: str, end: str) -> None:
+    """A number with decimals or a share that no claim has is not compared with anything."""
+    text = (ROOT / page).read_text(encoding="utf-8").partition(begin)[2]
+    if end:
+        text = text.partition(end)[0]
+    text = plain(re.sub(r"<!-- make pages:.*?<!-- end -->|`[^`]*`", "", text, flags=re.DOTALL))
+    for claim in CLAIMS:
+        text = text.replace(plain(claim.written()), "")
+    assert set(re.findall(r"\d+\.\d+|\d+%", text)) <= SETTINGS
+
+
+def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:
+    number = rf"[{MINUS}+]?\d\.\d+"
+    quoted = re.findall(
+        rf"({number}) \[({number}), ({number})\]", (DOCS / "results.md").read_text()
+    )
+    summary = (DOCS / "results" / "figs-5-to-10" / "summary.md").read_text().replace("+", "")
+    assert len(quoted) >= 10
+    for mean, low, high in quoted:
+        interval = rf"\[{low}, {high}\]"
+        assert re.search(rf"{mean} {interval}|\| {mean} \| [^|]*\| {interval}", summary), mean
+
+
+def test_gaits_win_as_often_as_the_page_says() -> None:
+    """Of docs/gaits.md: ten of ten, nine of ten, none of ten."""
+    assert wins("joint-fins", "randomised") == wins("joint-fins", "undamaged") == 10
+    assert wins("joint", "randomised") == 9
+
+
+FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+NAMED = re.compile(r"\bcommits? `?[0-9a-f]{7,40}\b")
+#: A commit, as ``git log`` abbreviates one: digits and letters.
+COMMIT = re.compile(r"(?<![\w.#/-])(?=[0-9a-f]*\d)(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}(?![\w.])")
+
+
+def test_prose_has_no_commit() -> None:
+    """Where each result comes from stands on docs/provenance.md."""
+    found = []
+    for page in pages():
+        if page.name != "provenance.md":
+            text = FENCE.sub("", page.read_text(encoding="utf-8"))
+            found += [f"{page.relative_to(ROOT)}: {one}" for one in COMMIT.findall(text)]
+            found += [f"{page.relative_to(ROOT)}: {one}" for one in NAMED.findall(text)]
+    assert found == []
+
+
+def test_a_commit_in_prose_is_found() -> None:
+    for said in ("at commit 96bd305 or earlier", "of 7b9410a,", "(e2c1527c)", "**0953460b**"):
+        assert COMMIT.search(said) or NAMED.search(said), said
+    for said in ("1.0e+09", "20000000", "defaced", "a fin of 0.25", "episodes 1234567", "#a1b2c3d"):
+        assert not COMMIT.search(said), said
