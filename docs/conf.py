@@ -2,11 +2,13 @@
 
 import pathlib
 import re
+from importlib import import_module
 
 from docutils import nodes
 from numpy.typing import ArrayLike
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.nodes import make_refnode
 from sphinx.util.typing import stringify_annotation
@@ -116,6 +118,19 @@ class LinkedNames(SphinxPostTransform):
                 literal.replace_self(make_refnode(*link))
 
 
+def add_public_names(_app: Sphinx, env: BuildEnvironment) -> list[str]:
+    """Let the names that users import, such as eea.Robot, lead to where they are documented."""
+    objects = env.get_domain("py").objects
+    for package in ("aquafish_gym", "aquafish.online", "eea", "gait"):
+        module = import_module(package)
+        for name in module.__all__:
+            one = getattr(module, name)
+            place = f"{getattr(one, '__module__', '')}.{getattr(one, '__qualname__', '')}"
+            if place in objects:
+                objects[f"{package}.{name}"] = objects[place]._replace(aliased=True)
+    return []
+
+
 def add_page(app: Sphinx, error: Exception | None) -> None:
     """Write the page in which the fish swims beside the documents."""
     if error is None and app.builder.format == "html":
@@ -126,6 +141,7 @@ def setup(app: Sphinx) -> None:
     """Register the above with Sphinx."""
     app.connect("build-finished", add_page)
     app.connect("source-read", name_study)
+    app.connect("env-updated", add_public_names)
     app.add_post_transform(LinkedNames)
     app.connect("autodoc-process-docstring", as_restructured_text)
     app.connect("autodoc-process-signature", with_short_types)

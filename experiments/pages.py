@@ -6,8 +6,9 @@ itself, between two comments, of which the first names its source::
     <!-- make pages: results/league/table.md -->
     <!-- end -->
 
-A source is a Markdown file under ``docs/``, a name in ``TEXTS``, or a report in ``REPORTS`` and the
-name of one of its tables, as in ``physics/report.json: strokes``.
+A source is a Markdown file under ``docs/``, a name in ``TEXTS``, a report in ``REPORTS`` and the
+name of one of its tables, as in ``physics/report.json: strokes``, or the folder of a study and the
+heading of one of its tables, as in ``results/method: Paired differences``.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from aquafish_gym.damage import TIERS
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.study.report import markdown
+from eea.study.results import read_study
+from eea.study.summary import summarize_study
 from experiments.league.thresholds import meanings
 from experiments.results import provenance
 from instruments.inference.summary import join_times
@@ -167,13 +171,25 @@ def _tables(report: str) -> Mapping[str, Table]:
     return REPORTS[report](_read(report))
 
 
+@cache
+def _tables_of_study(folder: str) -> Mapping[str, str]:
+    """Return the tables of a study's summary, by heading."""
+    results = read_study(DOCS / folder)
+    sections = markdown(results, summarize_study(results), []).split("\n## ")[1:]
+    found = {}
+    for section in sections:
+        heading, _, text = section.partition("\n")
+        found[heading] = "\n".join(line for line in text.splitlines() if line.startswith("|"))
+    return found
+
+
 def text_of(source: str) -> str:
     """Return what a source writes into a page.
 
     Raises
     ------
     InvalidArgumentError
-        If there is no such file, text, report or table.
+        If there is no such file, text, report, study or table.
     """
     if source in TEXTS:
         return TEXTS[source]()
@@ -182,9 +198,12 @@ def text_of(source: str) -> str:
         return _tables(report)[name].markdown()
     if source.endswith(".md") and (DOCS / source).is_file():
         return (DOCS / source).read_text(encoding="utf-8").strip()
+    if (DOCS / report / "study.json").is_file() and name in _tables_of_study(report):
+        return _tables_of_study(report)[name]
     known = [*TEXTS, *(f"{report}: TABLE" for report in REPORTS)]
     raise InvalidArgumentError(
-        f"make pages must name a Markdown file under docs/ or one of {', '.join(known)}; "
+        f"make pages must name a Markdown file or a study's table under docs/, or one of "
+        f"{', '.join(known)}; "
         f"got {source!r}"
     )
 

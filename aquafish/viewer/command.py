@@ -45,7 +45,8 @@ class View:
     ``gait.swim`` takes, such as an agent or a model of stable-baselines3."""
     damage: EpisodeDamage = "none"
     gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
-    gyro_only: bool = False  #: Whether the self-model uses the gyroscope alone.
+    gyro_only: bool = False
+    """Whether the agent with a self-model steers at first, and uses the gyroscope alone."""
     port: int = 8080  #: Port of the page; the next free one is taken.
     seed: int = 0  #: Seed of everything random.
 
@@ -72,6 +73,8 @@ class View:
         found["random"] = random_pilot(self.seed)
         if self.robots == 1:
             found["self-model"] = self_model_pilot(self.gyro_noise, self.gyro_only, self.seed)
+        if self.gyro_only:  # the first one steers
+            return {"self-model": found.pop("self-model"), **found}
         return found
 
     def execute(self) -> None:

@@ -67,7 +67,7 @@ class Export(Given):
     """The model's C file, of the controller's body unless --morphology gives others."""
     normalize: Annotated[Literal["none"] | Path | None, arg(metavar="FILE.npz|none")] = None
     """VecNormalize's mean, var, epsilon and clip, by which the policy's observations were scaled,
-    or none if it scaled rewards alone; see docs/howto/policy.md."""
+    or none if it scaled rewards alone; see docs/howto/export.md."""
     activation: Annotated[str | None, arg(metavar="NAME")] = None
     """Which of Tanh, ReLU, LeakyReLU, ELU and SiLU computes what the policy's own activation_fn
     does, if it is not one of PyTorch."""

@@ -287,6 +287,11 @@ def view_of(robots: int) -> Iterator[Viewer]:
     view.close()
 
 
+def test_the_self_model_steers_first_if_an_option_is_of_it_alone() -> None:
+    assert next(iter(View().pilots())) == "gait"
+    assert next(iter(View(gyro_only=True).pilots())) == "self-model"
+
+
 def press(button: Any) -> None:
     button.value = True
 

@@ -11,7 +11,7 @@ from test_snippets import PAGES, ROOT
 
 from gait import Controller
 
-PAGE = "docs/howto/neat.md"
+PAGE = "docs/howto/gait.md"
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler, cc")
@@ -31,13 +31,15 @@ def test_a_run_of_ones_own_ends_in_c(
         settings.replace(line, line.replace("True", str(feed_forward)))
     )
     monkeypatch.chdir(tmp_path)
-    code = PAGES[PAGE][0][0]
-    assert "run(evaluate, 100)" in code
-    exec(compile(code.replace("run(evaluate, 100)", "run(evaluate, 3)"), PAGE, "exec"), {})
+    body, *_, run_of_ones_own = (code for code, _ in PAGES[PAGE])
+    assert "run(evaluate, 100)" in run_of_ones_own
+    names: dict[str, object] = {}
+    exec(body.partition("gait = ")[0] + "from gait import random_poses", names)
+    exec(run_of_ones_own.replace("run(evaluate, 100)", "run(evaluate, 3)"), names)
     found = Controller.load("own.json")
     assert (found.layers is None) is feed_forward
     assert found.connections
     capfd.readouterr()
-    for line in commands(PAGE):
+    for line in commands(PAGE)[-2:]:
         assert run(line) == 0, capfd.readouterr().err
     assert "1000 steps, 0 numbers differ, by at most 0" in capfd.readouterr().out

@@ -26,8 +26,6 @@ SMALLER = {
     "EvolveConfig(seed=0": (
         "EvolveConfig(generations=1, random_candidates=6, restarts=1, poses=2, seed=0"
     ),
-    "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
-    "learn(300_000)": "learn(6_400)",
     "learn(600_000)": "learn(6_400)",
     "run(evaluate, 100)": "run(evaluate, 1)",
 }
