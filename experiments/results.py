@@ -192,7 +192,7 @@ RESULTS: dict[str, Result] = {
             "aquafish study --method examples.random_search:random_search --conditions out-of-band "
             "joint --steps 128 --rounds 5 --held-out --replicates 10 --gap.gyro-noise 0.01",
         ),
-        files=_files("docs/results/method", "results.csv", "study.json", "figures/conditions.png"),
+        files=_files("docs/results/method", "results.csv", "study.json"),
         golden=("run out-of-band", "run joint", "study"),
         cpu_minutes=4,
         smallest="--preset smoke --replicates 2 --rounds 2",
