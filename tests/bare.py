@@ -18,13 +18,20 @@ _HIDE = """
 import sys
 from importlib.machinery import PathFinder
 
-class Fewer:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
+class Fewer(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
         hidden = name.partition(".")[0] in HIDDEN
-        return None if hidden else PathFinder.find_spec(name, path, target)
+        return None if hidden else super().find_spec(name, path, target)
+
+    @staticmethod
+    def find_distributions(*arguments):
+        for found in PathFinder.find_distributions(*arguments):
+            if found.metadata["Name"].lower().replace("_", "-") in THERE:
+                yield found
 
 HIDDEN = {hidden!r}
+THERE = {there!r}
 sys.meta_path[:] = [Fewer if finder is PathFinder else finder for finder in sys.meta_path]
 """
 
@@ -67,13 +74,13 @@ def needed(*extras: str) -> set[str]:
 
 def run_bare(code: str, *extras: str) -> subprocess.CompletedProcess[str]:
     """Run Python code that can import only what the package and some of its extras install."""
-    there = needed(*extras)
+    there = {*needed(*extras), NAME, "setuptools"}
     hidden = {
         top
         for top, names in packages_distributions().items()
-        if not {name.lower().replace("_", "-") for name in names} & {*there, NAME, "setuptools"}
+        if not {name.lower().replace("_", "-") for name in names} & there
     }
     return subprocess.run(
-        [sys.executable, "-c", _HIDE.format(hidden=hidden) + code],
+        [sys.executable, "-c", _HIDE.format(hidden=hidden, there=there) + code],
         capture_output=True, text=True, check=False, timeout=300, cwd=ROOT,
     )  # fmt: skip

@@ -16,6 +16,7 @@ MAY_BE_SKIPPED = {
     "needs tkinter": "Python may be built without it",
     "there is no C compiler, cc": "pip has none",
     "there is no JavaScript engine, node": "pip has none, and apt is not everywhere",
+    "the tests of": "other projects' tests need their repositories, which are not everywhere",
     "this machine cannot run": "another processor's instructions",
 }
 

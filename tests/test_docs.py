@@ -120,9 +120,10 @@ def test_the_version_and_the_citation_are_the_same_everywhere() -> None:
 def test_the_constraints_pin_what_the_project_needs() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = dict(line.lower().split("==") for line in lines if not line.startswith("#"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"].values()
-    for needed in map(Requirement, [*project["dependencies"], *chain.from_iterable(extras)]):
+    table = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = table["project"]
+    lists = [*project["optional-dependencies"].values(), *table["dependency-groups"].values()]
+    for needed in map(Requirement, [*project["dependencies"], *chain.from_iterable(lists)]):
         if needed.name != project["name"]:
             assert needed.specifier.contains(pinned[needed.name.lower().replace("_", "-")]), needed
 

@@ -74,6 +74,7 @@ def test_environments_need_what_the_package_depends_on_and_nothing_else() -> Non
         ("import eea.core", (), 'pip install "aquafish-gym[eea]"'),
         ("from gait import evaluate", (), 'ImportError: gait needs cma: pip install "aqua'),
         ("import gait", ("eea",), 'pip install "aquafish-gym[gait]"'),
+        ("import gait.sb3_env", ("gait",), 'pip install "aquafish-gym[rl]"'),
         ("import aquafish.online", ("eea",), 'pip install "aquafish-gym[gait]"'),
         ("import eea.__main__", ("eea",), 'pip install "aquafish-gym[cli]"'),
         (
@@ -119,6 +120,15 @@ def test_the_command_says_in_a_line_that_it_needs_an_extra(extras: tuple[str, ..
 def test_an_extra_is_enough_for_what_it_is_named_for(extra: str, code: str) -> None:
     done = run_bare(code, extra)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_extra_test_is_enough_to_collect_all_tests() -> None:
+    code = (
+        "import pytest; sys.exit(pytest.main(['--collect-only', '-q', '-p', 'no:cacheprovider']))"
+    )
+    done = run_bare(code, "test")
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr
 
 
 def stub(package: str) -> list[ast.ImportFrom]:

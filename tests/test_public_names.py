@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from aquafish.cli import main
+from aquafish_gym.utils.validation import MissingExtraError
 
 NAMES: dict[str, list[str]] = json.loads((Path(__file__).parent / "public_names.json").read_text())
 COMMANDS = (
@@ -23,15 +24,13 @@ SCRIPTS = ("damage_recovery.py", "recovery_league.py")
 
 @pytest.mark.parametrize("module", NAMES)
 def test_the_module_has_its_names(module: str) -> None:
-    found = importlib.import_module(module)
+    try:
+        found = importlib.import_module(module)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
     assert [name for name in NAMES[module] if not hasattr(found, name)] == []
-
-
-@pytest.mark.parametrize(
-    "module", [name for name in NAMES if "__all__" in vars(importlib.import_module(name))]
-)
-def test_a_new_public_name_is_listed(module: str) -> None:
-    assert sorted(importlib.import_module(module).__all__) == NAMES[module]
+    # And a new public name is listed.
+    assert sorted(getattr(found, "__all__", NAMES[module])) == NAMES[module]
 
 
 def test_every_command_is_listed(capsys: pytest.CaptureFixture[str]) -> None:

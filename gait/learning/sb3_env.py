@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,13 @@ from aquafish_gym.utils.array_types import Flags, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait.controllers.inputs import NetworkInputs
 from gait.controllers.network import Senses
+from gait.learning.train import load_extra
 
 Options = dict[str, Any]
 
 # Any, so that neither type checker nor reader needs torch for this one class.
-_VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
-_is_wrapped: Any = import_module("stable_baselines3.common.env_util").is_wrapped
+_VecEnv: Any = load_extra("stable_baselines3.common.vec_env").VecEnv
+_is_wrapped: Any = load_extra("stable_baselines3.common.env_util").is_wrapped
 
 
 class SB3VecEnv(_VecEnv):  # type: ignore[misc]

@@ -16,6 +16,8 @@ from aquafish.online.teacher import Teacher
 from aquafish_gym import Morphology
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
+
+pytest.importorskip("stable_baselines3")
 from experiments.league.archive import SIZE, Archive, Varied, varied
 from experiments.league.entrants import ENTRANTS, MADE, Entry
 from experiments.league.episodes import Episode, play

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
 from strange_values import Call, options
 
@@ -13,7 +15,6 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
 from gait.film import filmed
-from gait.learning.sb3_env import SB3VecEnv
 from gait.swims.swim import swim
 
 ROBOT = Scenario.create()
@@ -22,7 +23,6 @@ AGENT = SelfModelAgent(LIBRARY)
 AGENT.begin(np.zeros(3))
 MODEL = SelfModel(ROBOT, np.zeros(3))
 STATE = MODEL.state
-VENV = SB3VecEnv(AquaFishVectorEnv(2, autoreset_mode="Disabled"))
 BODY = Morphology.nominal()
 ROWS = [
     Call(
@@ -79,12 +79,6 @@ ROWS = [
         {"robots": ROBOT, "states": STATE[:, None], "actions": np.zeros((1, 3)), "hold": 20},
     ),
     Call(
-        SB3VecEnv,
-        {"envs": AquaFishVectorEnv(2, autoreset_mode="Disabled"), "observation_space": None},
-        options(observation_space="none"),
-    ),
-    Call(VENV.set_options, {"options": {}}, options(options="none, empty mapping, mapping")),
-    Call(
         filmed,
         {
             "label": "rest", "swim": swim(LIBRARY[0], BODY, engine="numba", seconds=0.2),
@@ -94,3 +88,19 @@ ROWS = [
         {"body": "body"},
     ),
 ]  # fmt: skip
+if find_spec("stable_baselines3") is not None:
+    from gait.learning.sb3_env import SB3VecEnv
+
+    _batch = AquaFishVectorEnv(2, autoreset_mode="Disabled")
+    ROWS += [
+        Call(
+            SB3VecEnv,
+            {"envs": _batch, "observation_space": None},
+            options(observation_space="none"),
+        ),
+        Call(
+            SB3VecEnv(AquaFishVectorEnv(2, autoreset_mode="Disabled")).set_options,
+            {"options": {}},
+            options(options="none, empty mapping, mapping"),
+        ),
+    ]

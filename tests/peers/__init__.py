@@ -1,0 +1,1 @@
+"""Other projects' own tests on AquaFish: ``pytest -m slow tests/peers``."""
