@@ -16,6 +16,8 @@ from pathlib import Path
 PACKAGE = "aquafish-gym"
 HERE = Path(__file__).resolve().parents[2]  # the clone, or site-packages
 GIT_SECONDS = 10.0
+# Neither wait for another git's lock, nor start a program that a clone's settings name.
+_GIT = ("git", "--no-optional-locks", "-c", "core.fsmonitor=false")
 # Results and pages may change without another code.
 _CODE = ("--", ".", ":!docs", ":!paper", ":!*.md")
 
@@ -67,7 +69,7 @@ def _git(clone: Path, *words: str) -> str | None:
     """Return what git prints about a clone; None if it cannot."""
     try:
         done = subprocess.run(
-            ["git", "-C", str(clone), *words],
+            [*_GIT, "-C", str(clone), *words],
             capture_output=True,
             text=True,
             check=False,

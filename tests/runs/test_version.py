@@ -73,6 +73,16 @@ def test_changed_code_is_dirty_and_changed_results_are_not(clone: Path) -> None:
     assert clone_version(clone).startswith("0.1.1.dev0+g")
 
 
+def test_a_clones_settings_start_no_program(clone: Path) -> None:
+    (clone / "started.sh").write_text("#!/bin/sh\ntouch started\n")
+    (clone / "started.sh").chmod(0o755)
+    git(clone, "config", "core.fsmonitor", str(clone / "started.sh"))
+    assert clone_version(clone) is not None
+    assert not (clone / "started").exists()
+    git(clone, "status")
+    assert (clone / "started").exists()  # as it would have been
+
+
 def test_without_git_a_clone_has_no_known_commit(
     clone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
