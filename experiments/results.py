@@ -412,7 +412,8 @@ RESULTS: dict[str, Result] = {
     "league-outside": _league(
         "outside",
         {"outside.md": "outside/recognition.md", "outside-blind.md": "outside/blind.md"},
-        18,
+        71,
+        first=140,
     ),
     "league-current-begins": _league(
         "current-begins", {"current-begins.md": "current-begins/recognition.md"}, 3

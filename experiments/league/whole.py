@@ -61,7 +61,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "early": {
         "episodes": ELSEWHERE, "tiers": ("early", "after 15 s"), "entrants": (HERO, ORACLE),
     },
-    "outside": {"episodes": ELSEWHERE, "tiers": tuple(OUTSIDE), "entrants": (BLIND, HERO)},
+    "outside": {"episodes": EPISODES, "tiers": tuple(OUTSIDE), "entrants": (BLIND, HERO)},
     "current-begins": {
         "episodes": ELSEWHERE, "tiers": (CURRENT_BEGINS,), "entrants": (BLIND, HERO),
     },
