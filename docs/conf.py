@@ -42,9 +42,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-# Tables that `make pages` writes into pages are no pages.
-TABLES = [f"results/{n}" for n in ("gaits", "inference", "league", "performance", "scores")]
-exclude_patterns = ["_build", "_templates", *TABLES]
+exclude_patterns = ["_build", "_templates"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
@@ -77,9 +75,11 @@ STUDIES = {
 
 
 def name_study(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Give a study's report its title."""
+    """Give a study's report its title, and a committed table no place among the pages."""
     if page in STUDIES:
         source[0] = source[0].replace("# Study", f"# {STUDIES[page]}", 1)
+    elif page.startswith("results/"):
+        source[0] = f"---\norphan: true\n---\n\n{source[0]}"
 
 
 def as_restructured_text(
