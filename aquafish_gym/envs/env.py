@@ -232,7 +232,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         info = self._info(before, terms, diverged, succeeded)
         if self.render_mode == "human":
             self.render()
-        truncated = self._steps == self._last and not terminated
+        truncated = self._steps == self._last  # also what ends in the last step, as by TimeLimit
         if terminated:
             self._steps = self._last
         return self._observe(), sum(terms.values()), terminated, truncated, info

@@ -188,6 +188,8 @@ class AquaFishVectorEnv(
         lost &= ~over  # these swam for nothing
         terms, succeeded = self._judge(before, action, terms, lost | over)
         terminated = lost | succeeded
+        # Also what ends in the last step, as Gymnasium's TimeLimit has it for one robot.
+        truncated = (self._steps == self._last) & ~over
         self._steps[terminated] = self._last
         self._change(terminated | over)
         if over.any():
@@ -200,7 +202,7 @@ class AquaFishVectorEnv(
         ended = self._steps == self._last
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             info = self._begin_at_once(ended, info)
-        return self._seen.copy(), reward, terminated, ended & ~terminated, info
+        return self._seen.copy(), reward, terminated, truncated, info
 
     @property
     def states(self) -> Floats:
