@@ -58,8 +58,7 @@ default_role = "code"
 napoleon_attr_annotations = False  # an array's shape says more than its type
 napoleon_use_ivar = True
 # "nodes" under Returns is a name, not a reference, and several classes have some.
-# provenance.md links to tables that are no pages; tests/docs/test_pages.py checks all links.
-suppress_warnings = ["ref.python", "myst.xref_missing"]
+suppress_warnings = ["ref.python"]
 
 BARS = re.compile(r"(?<![`\w])\|(?=[^|`\s][^|`]*\|)|(?<=[^|`\s])\|(?![`\w|])")
 
