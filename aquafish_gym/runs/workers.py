@@ -23,7 +23,9 @@ from aquafish_gym.utils.validation import (
 MOST_WORKERS = 1024
 POLL_SECONDS = 1.0
 SAID_SECONDS = 15.0  # the silence of a worker process is then reported
-KILLED_SECONDS = 60.0  # a silent worker process is then killed
+# A silent worker process is then killed. One that compiles is silent, too: for a minute or more
+# where the machine is busy.
+KILLED_SECONDS = 300.0
 # Workers run numerical libraries on one thread, and import nothing from the current folder.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
