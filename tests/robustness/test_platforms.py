@@ -29,6 +29,8 @@ EXTRAS = {"distributed", "pybullet", "stable_baselines3", "viser"}
 for name in ("fcntl", "grp", "pwd", "resource", "termios", "pybullet", "stable_baselines3"):
     sys.modules[name] = None
 
+from aquafish_gym.utils.validation import MissingExtraError
+
 count = 0
 for package in ("aquafish", "aquafish_gym", "eea", "gait"):
     path = importlib.import_module(package).__path__
@@ -36,6 +38,8 @@ for package in ("aquafish", "aquafish_gym", "eea", "gait"):
         try:
             importlib.import_module(found.name)
             count += 1
+        except MissingExtraError as error:
+            assert "aquafish-gym[rl]" in str(error)
         except ModuleNotFoundError as error:
             if str(error.name).partition(".")[0] not in EXTRAS:
                 raise
