@@ -137,7 +137,7 @@ def test_the_extras_have_what_the_pages_need() -> None:
     assert {"sb3-contrib", "stable-baselines3", "torch"} <= held["rl"]  # as load_extra says
     assert {"imageio-ffmpeg", "moviepy"} <= held["film"]
     scores = (ROOT / "docs" / "environments" / "scores.md").read_text(encoding="utf-8")
-    assert 'pip install -e ".[rl]"  # stable-baselines3, and sb3-contrib' in scores
+    assert 'pip install -e ".[all,rl]"  # stable-baselines3, and sb3-contrib' in scores
     train = (ROOT / "docs" / "howto" / "train.md").read_text(encoding="utf-8")
     assert re.search(r"RecordVideo.*\n.*moviepy, of the extra `film`", train)
 
