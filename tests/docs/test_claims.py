@@ -140,6 +140,16 @@ FOREIGN = "results/inference/foreign.md"
 HERO = "self-model"
 CEILING = [number(f"{LEAGUE}/ceiling.md", tier, "self-model, share") for tier in TIERS]
 ORACLES = [number(f"{LEAGUE}/ceiling.md", tier, "oracle, share") for tier in TIERS]
+SEVERE_LOSSES = [
+    1.0 - number(SCORES, row, "severe") / number(SCORES, row, "whole")
+    for entry in ("NEAT", "CMA-ES", "CMA-ES, fins", "PPO", "PPO, fins", "PPO, damaged")
+    for row in [f"AquaFishWaypoint-v0|{entry}"]
+]
+FIN_GAINS = [
+    100.0 * (number(path, body, "recurrent, fins") / number(path, body, "recurrent") - 1.0)
+    for path in ["results/gaits/ceiling.md"]
+    for body in ("whole", "left_pectoral:length=0.5", "caudal:missing")
+]
 CLAIMS = [
     Claim(
         "README.md",
@@ -319,6 +329,16 @@ CLAIMS = [
         "docs/environments/scores.md",
         "PPO with known fin angles is best ({:.0f}, three to four points in a minute)",
         (number(SCORES, "AquaFishWaypoint-v0|PPO, fins", "whole"),),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "Severe damage costs PPO, CMA-ES and NEAT {:.0%} to {:.0%}",
+        (min(SEVERE_LOSSES), max(SEVERE_LOSSES)),
+    ),
+    Claim(
+        "docs/gaits.md",
+        "add {:.0f} to {:.0f}% to a recurrent network",
+        (min(FIN_GAINS), max(FIN_GAINS)),
     ),
     Claim(
         "docs/results.md",
