@@ -12,7 +12,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from aquafish.online import load_library
 from aquafish_gym import IDS
+from gait import ControllerAgent
 
 RELEASE = Path(__file__).parents[1] / "release"
 
@@ -36,7 +38,7 @@ def load_as_lerobot(path: Path, **arguments: Any) -> dict[str, dict[int, gym.vec
 
 def roll_out(envs: gym.vector.VectorEnv, steps: int) -> tuple[Any, Any]:
     """Step as ``lerobot-eval`` does, with what it reads; return observations and rewards."""
-    observation, _ = envs.reset(seed=[3, 4])
+    observation, _ = envs.reset(seed=[3, 4], options={"lerobot_new_rollout": True})
     seen = [observation]
     rewards = []
     envs.action_space.seed(0)
@@ -67,6 +69,23 @@ def test_lerobot_gets_every_task_with_what_it_reads() -> None:
     forward.reset(seed=0)
     assert forward.call("render")[0].dtype == np.uint8
     forward.close()
+
+
+@pytest.mark.parametrize(("number", "succeeds"), [(0, False), (4, True)])
+def test_lerobot_counts_a_success_and_no_other_end(number: int, succeeds: bool) -> None:
+    """It reads ``final_info``, and counts a task as done that says nothing of success."""
+    envs = load_as_lerobot(RELEASE / "envhub" / "env.py", n_envs=2)["aquafish"][number]
+    seen, info = envs.reset(seed=[60_000, 60_001])
+    agent = ControllerAgent(load_library()[0])
+    agent.reset(info)
+    while "final_info" not in info:
+        seen, _, terminated, truncated, info = envs.step(
+            np.asarray(agent.act(seen["agent_pos"]), np.float32)
+        )
+    over = terminated | truncated
+    np.testing.assert_array_equal(info["final_info"]["_is_success"], over)
+    assert set(info["final_info"]["is_success"][over].tolist()) == {succeeds}
+    envs.close()
 
 
 def test_lerobots_processes_step_the_same_fish() -> None:

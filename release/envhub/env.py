@@ -32,6 +32,16 @@ class LeRobotFish(gym.ObservationWrapper[dict[str, Any], Any, Any]):
         self.task_description = TASKS[self.task]
         self._max_episode_steps = env.spec.max_episode_steps
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Begin an episode; LeRobot adds options of its own, such as ``lerobot_new_rollout``."""
+        ours = {k: v for k, v in (options or {}).items() if not k.startswith("lerobot_")}
+        return super().reset(seed=seed, options=ours)
+
+    def step(self, action: Any) -> Any:
+        """Step; ``info`` has ``is_success`` for every task, which LeRobot counts."""
+        observation, reward, terminated, truncated, info = super().step(action)
+        return observation, reward, terminated, truncated, {"is_success": False} | info
+
     def observation(self, observation: Any) -> dict[str, Any]:
         """Return an observation by its name in LeRobot."""
         return {"agent_pos": observation}
@@ -49,8 +59,10 @@ def make_env(
     if getattr(cfg, "damage", None) is not None:
         options["damage"] = cfg.damage
     kind = gym.vector.AsyncVectorEnv if use_async_envs else gym.vector.SyncVectorEnv
+    mode = gym.vector.AutoresetMode.SAME_STEP  # LeRobot reads success in final_info
 
     def batch(name: str) -> gym.vector.VectorEnv:
-        return kind([lambda: LeRobotFish(gym.make(name, **options))] * n_envs)
+        fish = [lambda: LeRobotFish(gym.make(name, **options))] * n_envs
+        return kind(fish, autoreset_mode=mode)
 
     return {"aquafish": {number: batch(name) for number, name in enumerate(TASKS)}}
