@@ -7,6 +7,7 @@ it was installed, so git is asked for its commit.
 from __future__ import annotations
 
 import functools
+import os
 import re
 import subprocess
 from importlib.metadata import PackageNotFoundError
@@ -18,6 +19,10 @@ HERE = Path(__file__).resolve().parents[2]  # the clone, or site-packages
 GIT_SECONDS = 10.0
 # Neither wait for another git's lock, nor start a program that a clone's settings name.
 _GIT = ("git", "--no-optional-locks", "-c", "core.fsmonitor=false")
+# By which a hook of another clone, in which a command may run, would lead git there.
+_ELSEWHERE = frozenset(
+    f"GIT_{name}" for name in ("COMMON_DIR", "DIR", "INDEX_FILE", "OBJECT_DIRECTORY", "WORK_TREE")
+)
 # Results and pages may change without another code.
 _CODE = ("--", ".", ":!docs", ":!paper", ":!*.md")
 
@@ -45,18 +50,20 @@ def is_clone(folder: Path) -> bool:
 
 def clone_version(clone: Path) -> str | None:
     """Return the version of a clone as setuptools-scm writes it; None if git does not know it."""
-    commit = _git(clone, "rev-parse", "--short=9", "HEAD")
-    if commit is None:
+    commit = git(clone, "rev-parse", "--short=9", "HEAD")
+    count = git(clone, "rev-list", "--count", "HEAD")
+    changed = git(clone, "status", "--porcelain", "--untracked-files=no", *_CODE)
+    if commit is None or count is None or changed is None:
         return None
-    described = _git(clone, "describe", "--tags", "--long", "--match", "v[0-9]*")
+    dirty = bool(changed)
+    described = git(clone, "describe", "--tags", "--long", "--match", "v[0-9]*")
     if described is None:
-        public = f"0.1.dev{_git(clone, 'rev-list', '--count', 'HEAD')}"
+        public = f"0.1.dev{count}"
         distance = 1
     else:
         tag, steps, _ = described.rsplit("-", 2)
         public = tag[1:]
         distance = int(steps)
-    dirty = bool(_git(clone, "status", "--porcelain", "--untracked-files=no", *_CODE))
     if described is not None and not distance and not dirty:
         return public
     if described is not None:  # on the way to the next version
@@ -65,7 +72,7 @@ def clone_version(clone: Path) -> str | None:
     return f"{public}+g{commit}" + (".dirty" if dirty else "")
 
 
-def _git(clone: Path, *words: str) -> str | None:
+def git(clone: Path, *words: str) -> str | None:
     """Return what git prints about a clone; None if it cannot."""
     try:
         done = subprocess.run(
@@ -74,6 +81,7 @@ def _git(clone: Path, *words: str) -> str | None:
             text=True,
             check=False,
             timeout=GIT_SECONDS,
+            env={name: value for name, value in os.environ.items() if name not in _ELSEWHERE},
         )
     except (OSError, subprocess.TimeoutExpired):
         return None

@@ -73,6 +73,23 @@ def test_changed_code_is_dirty_and_changed_results_are_not(clone: Path) -> None:
     assert clone_version(clone).startswith("0.1.1.dev0+g")
 
 
+def test_a_hook_of_another_clone_does_not_lead_git_there(
+    clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = clone_version(clone)
+    git(tmp_path, "init", "-q", "other")
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / "other" / ".git"))
+    monkeypatch.setenv("GIT_INDEX_FILE", str(tmp_path / "other" / ".git" / "index"))
+    assert before is not None
+    assert clone_version(clone) == before
+
+
+def test_what_git_cannot_compare_does_not_pass_for_unchanged(clone: Path) -> None:
+    (clone / ".git" / "index").write_bytes(b"damaged")
+    assert git(clone, "rev-parse", "HEAD")
+    assert clone_version(clone) is None
+
+
 def test_a_clones_settings_start_no_program(clone: Path) -> None:
     (clone / "started.sh").write_text("#!/bin/sh\ntouch started\n")
     (clone / "started.sh").chmod(0o755)
