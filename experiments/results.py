@@ -32,6 +32,7 @@ from aquafish_gym import held_out
 from aquafish_gym.engines.packages import available_cores
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.markdown import markdown_table
+from aquafish_gym.runs.version import git, is_clone
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
@@ -502,15 +503,13 @@ def command_words(command: str, folder: Path) -> list[str]:
 
 def present_commit() -> str:
     """Return the commit of the clone; "" if tracked files outside docs/ differ from it."""
-
-    def git(*words: str) -> str:
-        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True)
-        if done.returncode:
-            raise InvalidArgumentError(f"results need a clone with git: {done.stderr.strip()}")
-        return done.stdout.strip()
-
-    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
-    return "" if changed else git("rev-parse", "--short=8", "HEAD")
+    commit = changed = None
+    if is_clone(ROOT):  # a copy without .git may lie in another repository
+        commit = git(ROOT, "rev-parse", "--short=8", "HEAD")
+        changed = git(ROOT, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+    if commit is None or changed is None:
+        raise InvalidArgumentError(f"results need a clone that git can read; {ROOT} is none")
+    return "" if changed else commit
 
 
 @dataclass(frozen=True)
@@ -573,7 +572,10 @@ class MakeResults:
         folder = ensure_writable_directory(base / "run").resolve()
         # A result may be an input of the next: that must be committed first.
         commit = "" if self.smallest else present_commit()
-        spent = base / f"{name}.cpu"  # CPU seconds of all tries
+        golden = golden_digest(GOLDEN.read_text("utf-8"), result.golden)
+        # CPU seconds of all tries of these commands with these golden cases
+        made_of = hashlib.sha256(repr((result.commands, golden)).encode()).hexdigest()[:8]
+        spent = base / f"{name}-{made_of}.cpu"
         for command in result.commands:
             whole = f"{command} {(result.smallest or '') if self.smallest else ''}".strip()
             print(f"\n{name}: {whole}", flush=True)
@@ -589,12 +591,12 @@ class MakeResults:
         if lacking:
             print(f"{name}: {folder} lacks {', '.join(lacking)}", file=sys.stderr)
             return False
-        if not commit and not self.smallest:
-            print(f"{name}: stays in {folder}, for the tree has uncommitted changes")
-        if commit:
+        if not self.smallest and not (commit and present_commit() == commit):
+            why = "changed in the meantime" if commit else "has uncommitted changes"
+            print(f"{name}: stays in {folder}, for the tree {why}")
+        elif not self.smallest:
             for target, file in result.files.items():
                 write_bytes(ROOT / target, (folder / file).read_bytes())
-            golden = golden_digest(GOLDEN.read_text("utf-8"), result.golden)
             date = f"{datetime.now(UTC):%Y-%m-%d}"
             minutes = round(float(spent.read_text()) / 60, 1)
             write_record(name, Record(list(result.commands), commit, date, minutes, golden))

@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 
 from aquafish_gym.runs import command_line
+from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments import results
 from experiments.results import (
     GOLDEN,
@@ -152,14 +153,19 @@ def test_an_interrupted_result_resumes_to_the_same_bytes(
     assert (runs / "000.json").stat().st_mtime_ns == before
 
 
-def test_a_result_of_changed_sources_or_of_the_smallest_size_is_not_committed(
-    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    trivial = replace(TINY, commands=("python write.py",), files={"docs/one.md": "one.md"})
-    monkeypatch.setattr(results, "RESULTS", {"tiny": trivial})
+def trivial(monkeypatch: pytest.MonkeyPatch, clone: Path) -> None:
+    """Let the only result be a file that a program writes in a moment."""
+    one = replace(TINY, commands=("python write.py",), files={"docs/one.md": "one.md"})
+    monkeypatch.setattr(results, "RESULTS", {"tiny": one})
     (clone / "write.py").write_text(
         "import sys, pathlib\npathlib.Path(sys.argv[-1], 'one.md').write_text('one')\n"
     )
+
+
+def test_a_result_of_changed_sources_or_of_the_smallest_size_is_not_committed(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trivial(monkeypatch, clone)
     MakeResults(out=clone / "out", smallest=True).execute()
     monkeypatch.setattr(results, "present_commit", lambda: "")
     MakeResults(out=clone / "out").execute()
@@ -167,6 +173,55 @@ def test_a_result_of_changed_sources_or_of_the_smallest_size_is_not_committed(
     assert (clone / "out" / "tiny" / "run" / "one.md").exists()
     assert not (clone / "docs" / "one.md").exists()
     assert read_records() == {}
+
+
+def test_a_result_whose_sources_change_as_it_is_made_is_not_committed(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trivial(monkeypatch, clone)
+    commits = iter(["0123abcd", "4567abcd", "4567abcd", "4567abcd"])
+    monkeypatch.setattr(results, "present_commit", lambda: next(commits))
+    MakeResults(out=clone / "out").execute()
+    assert "changed in the meantime" in capsys.readouterr().out
+    assert not (clone / "docs" / "one.md").exists()
+    assert read_records() == {}
+    MakeResults(out=clone / "out").execute()
+    assert read_records()["tiny"].commit == "4567abcd"
+
+
+def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
+    clone: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    golden = clone / "golden.json"
+    golden.write_text('{"evolve cma": "one"}')
+    monkeypatch.setattr(results, "GOLDEN", golden)
+    spent = iter([0.0, 600.0, 600.0, 660.0])
+    monkeypatch.setattr(results, "_children_seconds", lambda: next(spent))
+    trivial(monkeypatch, clone)
+    MakeResults(out=clone / "out").execute()
+    assert read_records()["tiny"].cpu_minutes == 10.0
+    golden.write_text('{"evolve cma": "two"}')
+    MakeResults(out=clone / "out").execute()
+    assert read_records()["tiny"].cpu_minutes == 1.0
+
+
+def test_a_copy_without_git_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in a folder of another repository."""
+    git = ["git", "-c", "user.name=A", "-c", "user.email=a@b.c", "-C", str(tmp_path)]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "other"], check=True)
+    copy = tmp_path / "copy"
+    (copy / "aquafish_gym").mkdir(parents=True)
+    (copy / "aquafish_gym" / "__init__.py").write_text("")
+    monkeypatch.setattr(results, "ROOT", copy)
+    with pytest.raises(InvalidArgumentError, match="results need a clone that git can read"):
+        results.present_commit()
+    monkeypatch.setattr(results, "ROOT", tmp_path)
+    (copy / "aquafish_gym").rename(tmp_path / "aquafish_gym")
+    assert len(results.present_commit()) == 8
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InvalidArgumentError, match="results need a clone that git can read"):
+        results.present_commit()
 
 
 def test_a_failed_result_keeps_the_committed_one(
