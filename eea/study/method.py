@@ -93,7 +93,7 @@ def found_function(place: str) -> Callable[..., Any]:
     function: Callable[..., Any] = getattr(module, name)
     try:
         inspect.signature(function).bind("robot", "rounds", "seed", "settings")
-    except TypeError as error:
+    except (TypeError, ValueError) as error:  # ValueError: it has no signature
         raise ConfigurationError(
             f"method {place} must take (robot, rounds, seed, settings); {error}"
         ) from None

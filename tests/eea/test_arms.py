@@ -279,6 +279,7 @@ def clear_hashes():
         ("methods_of_mine:short", r"the body of round 1 of .*short must .*\(9,\)"),
         ("methods_of_mine:large", "must have left_pectoral.width of .* units; got 500"),
         ("methods_of_mine:without_settings", r"must take \(robot, rounds, seed, settings\); too m"),
+        ("builtins:max", r"max must take \(robot, rounds, seed, settings\); no signature found"),
         ("methods_of_mine:nothing", "a body in each of 2 rounds; got NoneType"),
     ],
 )
