@@ -100,7 +100,11 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     document = read_document(path, FOLDER_SCHEMA, "out")
-    if not isinstance(document.get("kind"), str) or not isinstance(document.get("settings"), dict):
+    if not (
+        isinstance(document.get("kind"), str)
+        and isinstance(document.get("settings"), dict)
+        and isinstance(document.get("versions", []), list)
+    ):
         raise InvalidArgumentError(f"out: {path} does not say what the folder holds")
     return document
 

@@ -104,6 +104,16 @@ def test_a_command_that_starts_again_says_with_which_versions(tmp_path):
     assert read_manifest(tmp_path)["versions"] == [versions()]
 
 
+def test_versions_of_another_form_are_refused_and_not_joined(tmp_path):
+    write_manifest(tmp_path, "a study", SETTINGS, work=versions)
+    held = read_manifest(tmp_path) | {"versions": versions()}
+    write_document(tmp_path / "settings.json", held, "aquafish.folder/1")
+    before = (tmp_path / "settings.json").read_bytes()
+    with pytest.raises(InvalidArgumentError, match="does not say what the folder holds"):
+        write_manifest(tmp_path, "a study", SETTINGS, work=versions)
+    assert (tmp_path / "settings.json").read_bytes() == before
+
+
 def test_a_command_that_continues_at_another_commit_adds_its_versions(tmp_path, monkeypatch):
     write_manifest(tmp_path, "a study", SETTINGS, work=versions)
     first = (tmp_path / "settings.json").read_bytes()
