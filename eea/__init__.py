@@ -14,7 +14,9 @@ from eea import core, fish
 
 for _name in ("matplotlib", "pandas", "scipy"):
     if find_spec(_name) is None:
-        raise ImportError(f'eea needs {_name}: pip install "aquafish-gym[eea]"')
+        from aquafish_gym.utils.validation import MissingExtraError, install_advice
+
+        raise MissingExtraError(f"eea needs {_name}: {install_advice('eea')}")
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,

@@ -10,7 +10,9 @@ import lazy_loader
 
 for _name in ("cma", "matplotlib", "neat", "scipy"):
     if find_spec(_name) is None:
-        raise ImportError(f'gait needs {_name}: pip install "aquafish-gym[gait]"')
+        from aquafish_gym.utils.validation import MissingExtraError, install_advice
+
+        raise MissingExtraError(f"gait needs {_name}: {install_advice('gait')}")
 
 # Imported when first used, so that a command handles Ctrl-C from the start; __init__.pyi has the
 # same names for type checkers.

@@ -72,9 +72,12 @@ def needed(*extras: str) -> set[str]:
     return found
 
 
-def run_bare(code: str, *extras: str) -> subprocess.CompletedProcess[str]:
-    """Run Python code that can import only what the package and some of its extras install."""
-    there = {*needed(*extras), NAME, "setuptools"}
+def run_bare(code: str, *extras: str, without: str = "") -> subprocess.CompletedProcess[str]:
+    """Run Python code that can import only what the package and some of its extras install.
+
+    ``without`` is a distribution that is not there in spite of them.
+    """
+    there = {*needed(*extras), NAME, "setuptools"} - {without}
     hidden = {
         top
         for top, names in packages_distributions().items()

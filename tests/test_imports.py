@@ -70,9 +70,9 @@ def test_environments_need_what_the_package_depends_on_and_nothing_else() -> Non
 @pytest.mark.parametrize(
     ("code", "extras", "message"),
     [
-        ("import eea", (), 'ImportError: eea needs matplotlib: pip install "aquafish-gym[eea]"'),
+        ("import eea", (), 'Error: eea needs matplotlib: pip install "aquafish-gym[eea]"'),
         ("import eea.core", (), 'pip install "aquafish-gym[eea]"'),
-        ("from gait import evaluate", (), 'ImportError: gait needs cma: pip install "aqua'),
+        ("from gait import evaluate", (), 'Error: gait needs cma: pip install "aqua'),
         ("import gait", ("eea",), 'pip install "aquafish-gym[gait]"'),
         ("import gait.sb3_env", ("gait",), 'pip install "aquafish-gym[rl]"'),
         ("import aquafish.online", ("eea",), 'pip install "aquafish-gym[gait]"'),
@@ -103,6 +103,18 @@ def test_the_command_says_in_a_line_that_it_needs_an_extra(extras: tuple[str, ..
     assert re.fullmatch(
         r'aquafish: commands need the extra cli \(.*\): pip install "aquafish-gym\[cli\]"\n',
         done.stderr,
+    )
+
+
+@pytest.mark.parametrize(("library", "package"), [("pandas", "eea"), ("neat-python", "gait")])
+def test_the_command_says_so_too_where_others_brought_what_commands_need(
+    library: str, package: str
+) -> None:
+    code = "from aquafish.cli import main; sys.exit(main(['--version']))"
+    done = run_bare(code, "cli", without=library)
+    assert done.returncode == 2
+    assert re.fullmatch(
+        rf'aquafish: {package} needs \w+: pip install "aquafish-gym\[{package}\]"\n', done.stderr
     )
 
 
