@@ -33,7 +33,7 @@ def assert_same(found: Any, want: Any, atol: float = 0.0, at: str = "") -> None:
                 assert_same(mine, other, atol, f"{at}[{i}]")
     else:
         mine, other = np.asarray(found), np.asarray(want)
-        assert mine.dtype.kind == other.dtype.kind, at
+        assert mine.dtype == other.dtype, at
         assert mine.shape == other.shape, at
         if atol and mine.dtype.kind == "f":
             np.testing.assert_allclose(mine, other, 0.0, atol, err_msg=at)
@@ -46,6 +46,9 @@ def _assert_same_info(found: Any, want: dict[str, Any], atol: float, at: str) ->
     more = set(found) - set(want)
     assert {name.removeprefix("_") for name in more} <= SAID_OF_ALL, f"{at} has {more}"
     assert not set(want) - set(found), f"{at} lacks {set(want) - set(found)}"
+    for name in SAID_OF_ALL & set(found):
+        if name not in want or f"_{name}" in want:
+            _assert_not_late(name, found, want, at)
     for name, value in want.items():
         mask = want.get(f"_{name}")
         if name.startswith("_") and name[1:] in SAID_OF_ALL:
@@ -56,6 +59,15 @@ def _assert_same_info(found: Any, want: dict[str, Any], atol: float, at: str) ->
             rows: NDArray[np.bool_] = np.asarray(mask)
             mine, other = np.asarray(found[name])[rows], np.asarray(value)[rows]
             assert_same(mine, other, atol, f"{at}[{name!r}]")
+
+
+def _assert_not_late(name: str, found: dict[str, Any], want: dict[str, Any], at: str) -> None:
+    """Refuse a scale, delay or hold of a robot of which the other face says nothing."""
+    mine = np.asarray(found[name])
+    said = np.asarray(found.get(f"_{name}", np.ones(len(mine), np.bool_)))
+    others = said & ~np.asarray(want.get(f"_{name}", np.zeros(len(mine), np.bool_)))
+    neutral = 1.0 if name.endswith("scale") else 0.0
+    np.testing.assert_array_equal(mine[others], neutral, f"{at}[{name!r}] of whom is not late")
 
 
 def _holds_objects(value: Any) -> bool:
