@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib.util
 import json
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -103,6 +106,21 @@ def test_lerobots_processes_step_the_same_fish() -> None:
     for here, there in zip(*found, strict=True):
         for one, other in zip(here, there, strict=True):
             np.testing.assert_equal(one, other)
+
+
+def test_lerobots_processes_need_not_be_forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS, and on Linux from Python 3.14."""
+    makers: list[Any] = []
+    monkeypatch.setattr(gym.vector, "AsyncVectorEnv", lambda fish, **_: makers.extend(fish))
+    load_as_lerobot(RELEASE / "envhub" / "env.py", use_async_envs=True)
+    code = "import sys, cloudpickle; print(cloudpickle.load(sys.stdin.buffer)().task)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=cloudpickle.dumps(makers[0]),
+        capture_output=True,
+        check=True,
+    )
+    assert done.stdout == b"AquaFish-v0\n"
 
 
 def test_the_minari_dataset_has_the_fields_that_minari_asks_for(

@@ -9,8 +9,6 @@ from typing import Any
 
 import gymnasium as gym
 
-import aquafish_gym  # noqa: F401  registers the environments
-
 #: The tasks by their ids, in words for policies that read them.
 TASKS = {
     "AquaFish-v0": "Swim forward.",
@@ -62,7 +60,8 @@ def make_env(
     mode = gym.vector.AutoresetMode.SAME_STEP  # LeRobot reads success in final_info
 
     def batch(name: str) -> gym.vector.VectorEnv:
-        fish = [lambda: LeRobotFish(gym.make(name, **options))] * n_envs
+        # Another process imports aquafish_gym by this name: only a forked one has it already.
+        fish = [lambda: LeRobotFish(gym.make(f"aquafish_gym:{name}", **options))] * n_envs
         return kind(fish, autoreset_mode=mode)
 
     return {"aquafish": {number: batch(name) for number, name in enumerate(TASKS)}}
