@@ -18,9 +18,10 @@ SAID_OF_ALL = frozenset(
 def assert_same(found: Any, want: Any, atol: float = 0.0, at: str = "") -> None:
     """Refuse any difference of two steps, resets, infos or arrays.
 
-    Arrays have equal shapes and kinds of numbers, and differ by at most ``atol``. Of an entry of an
-    info, only the robots under its mask ``_NAME`` are compared. Tensors are compared as arrays, and
-    an array of observations with a list of them in which None stands for what has none.
+    Arrays have equal shapes and types of numbers; with ``atol``, they have equal kinds of numbers,
+    and differ by at most that. Of an entry of an info, only the robots under its mask ``_NAME`` are
+    compared. Tensors are compared as arrays, and an array of observations with a list of them in
+    which None stands for what has none.
     """
     if isinstance(want, dict):
         _assert_same_info(found, want, atol, at)
@@ -33,7 +34,8 @@ def assert_same(found: Any, want: Any, atol: float = 0.0, at: str = "") -> None:
                 assert_same(mine, other, atol, f"{at}[{i}]")
     else:
         mine, other = np.asarray(found), np.asarray(want)
-        assert mine.dtype == other.dtype, at
+        types = [one.dtype.kind if atol else one.dtype for one in (mine, other)]
+        assert types[0] == types[1], at
         assert mine.shape == other.shape, at
         if atol and mine.dtype.kind == "f":
             np.testing.assert_allclose(mine, other, 0.0, atol, err_msg=at)
