@@ -15,9 +15,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from aquafish.online import load_library
+from aquafish.online.gaits import load_library
 from aquafish_gym import IDS
-from gait import ControllerAgent
+from gait.controllers.agents import ControllerAgent
 
 RELEASE = Path(__file__).parents[1] / "release"
 
