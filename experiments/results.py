@@ -30,7 +30,7 @@ import tyro
 
 from aquafish_gym import held_out
 from aquafish_gym.engines.packages import available_cores
-from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.runs.command_line import REFUSED, run_command_line
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.runs.version import git, is_clone
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
@@ -70,6 +70,11 @@ class Result:
     smallest: str | None = None
     folder: str = ""
     needs: tuple[str, ...] = ()
+
+    @property
+    def is_input(self) -> bool:
+        """Whether experiments read its files: those outside docs/."""
+        return not all(file.startswith("docs/") for file in self.files)
 
     def missing(self) -> list[str]:
         """Return what it needs and is not here."""
@@ -558,7 +563,15 @@ class MakeResults:
             )
         if self.plan:
             return
-        failed = [name for name, result in todo.items() if not self._make(name, result)]
+        failed = []
+        # Inputs of others first: they must be committed before the others are made.
+        for name in sorted(todo, key=lambda one: not todo[one].is_input):
+            changes_code = todo[name].is_input and not self.smallest and bool(present_commit())
+            if not self._make(name, todo[name]):
+                failed.append(name)
+            elif changes_code and not present_commit():
+                print(f"{name} is an input of others: commit it; the same command goes on")
+                raise SystemExit(1)
         if failed:
             print(f"failed: {', '.join(failed)}; the same command resumes", file=sys.stderr)
             raise SystemExit(1)
@@ -585,6 +598,8 @@ class MakeResults:
             finally:
                 so_far = float(spent.read_text()) if spent.exists() else 0.0
                 write_bytes(spent, f"{so_far + _children_seconds() - before:.1f}\n".encode())
+            if code == REFUSED:
+                print(f"{name}: if it is of an older version, remove {base}", file=sys.stderr)
             if code:
                 return False
         lacking = [file for file in result.files.values() if not (folder / file).is_file()]

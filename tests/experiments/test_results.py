@@ -189,6 +189,27 @@ def test_a_result_whose_sources_change_as_it_is_made_is_not_committed(
     assert read_records()["tiny"].commit == "4567abcd"
 
 
+def test_an_input_of_others_is_made_first_and_must_be_committed(
+    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trivial(monkeypatch, clone)
+    one = results.RESULTS["tiny"]
+    input_of_others = replace(one, files={"experiments/one.md": "one.md"})
+    monkeypatch.setattr(results, "RESULTS", {"tiny": one, "weights": input_of_others})
+    changed = clone / "experiments" / "one.md"
+    changed.parent.mkdir()
+    committed = []
+    clean = lambda: "0123abcd" if committed or not changed.exists() else ""  # noqa: E731
+    monkeypatch.setattr(results, "present_commit", clean)
+    with pytest.raises(SystemExit) as left:
+        MakeResults(out=clone / "out").execute()
+    assert left.value.code == 1
+    assert "weights is an input of others: commit it" in capsys.readouterr().out
+    committed.append(True)
+    MakeResults(out=clone / "out").execute()
+    assert sorted(read_records()) == ["tiny", "weights"]
+
+
 def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
     clone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
