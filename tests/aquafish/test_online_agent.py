@@ -73,6 +73,7 @@ def test_it_notices_infers_and_changes_its_gait() -> None:
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_actions() -> None:
     one, other = (swim("gyro:noise=0.01; caudal:missing@3", 60)[2] for _ in range(2))
     np.testing.assert_array_equal(one, other)

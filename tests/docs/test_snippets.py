@@ -36,6 +36,8 @@ PAGES = {
 }
 WITH_PYTHON = [page for page, blocks in PAGES.items() if blocks]
 CHECKED_IN_FULL = ("README.md", "docs/tutorial.md")
+# Nightly: their blocks take ten seconds and more.
+LONG = ("docs/howto/robot.md", "docs/swimming_on.md")
 
 
 def outputs(
@@ -71,7 +73,10 @@ def _as_a_reader(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     TIERS.update(tiers)
 
 
-@pytest.mark.parametrize("page", WITH_PYTHON)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow if page in LONG else ()) for page in WITH_PYTHON],
+)
 def test_a_page_prints_what_it_shows(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     for shown, printed in outputs(page, SMALLER, capsys):
         assert printed == shown

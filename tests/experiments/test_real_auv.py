@@ -274,6 +274,7 @@ def test_no_session_is_known_in_part(swims: list[Swim]) -> None:
     assert verdicts.tolist() == [VERDICTS] * len(swims)
 
 
+@pytest.mark.slow
 def test_table_tells_how_often_each_fault_is_named(
     download: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,7 @@ def test_the_chance_is_uniform_where_the_robot_is_the_same():
     assert kstest(p, "uniform").pvalue > 0.01
 
 
+@pytest.mark.slow
 def test_noise_that_few_samples_told_raises_no_false_alarm():
     rng = np.random.default_rng(8)
     alarms = np.zeros(3)

@@ -261,6 +261,7 @@ def pendulum(values, torque):
     return gyro
 
 
+@pytest.mark.slow
 def test_a_search_that_ends_elsewhere_does_not_pass_for_a_spread():
     """From near the top a pendulum has many valleys: one log in eight ended in a wrong one."""
     robot = Robot(

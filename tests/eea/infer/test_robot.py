@@ -509,6 +509,7 @@ def test_nothing_is_broken_is_a_finding_with_its_probability():
     assert most - least > 0.02
 
 
+@pytest.mark.slow
 def test_intervals_given_a_change_hold_at_their_rate():
     rng = np.random.default_rng(8)
     held, named = [], []
