@@ -538,7 +538,7 @@ def test_devices_pipes_and_huge_files_are_refused(tmp_path: Path) -> None:
     ("words", "said"),
     [
         ("--hlep", "unknown option --hlep; did you mean --help?"),
-        ("page --out x", "unknown option --out; must be --html"),
+        ("page --out x", "unknown option --out; must be --html or --help"),
         ("study --xyzzy 3", "unknown option --xyzzy: see --help"),
         (
             "infer --log examples/logs/swim.csv --between 3",

@@ -202,7 +202,7 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     ]
     diverged = sum(row["diverged_swims"] for row in report["treatments"].values())
     if diverged:
-        parts.append(f"Swims on the damaged robot that diverged and count as 0 units: {diverged}.")
+        parts.append(f"Swims on the damaged robot that diverged and count as 0 cm: {diverged}.")
     if several:
         parts += ["## Within replicates", markdown_table(_paired_rows(report["paired"]))]
     if pictures:

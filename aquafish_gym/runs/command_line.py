@@ -377,7 +377,7 @@ def _unknown_option(word: str, options: Iterable[str]) -> str:
     if nearest:
         return f"unknown option {word}; did you mean {nearest[0]}?"
     if len(known) <= _LISTED_OPTIONS:
-        return f"unknown option {word}; must be {' or '.join(known)}"
+        return f"unknown option {word}; must be {' or '.join([*known, SHORT_HELP[-1]])}"
     return f"unknown option {word}: see --help"
 
 

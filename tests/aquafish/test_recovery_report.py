@@ -91,7 +91,7 @@ def test_diverged_swims_are_counted(report: dict[str, Any]) -> None:
     outcomes = copy.deepcopy(report["replicates"])
     outcomes["none"][0]["diverged"] = outcomes["oracle"][3]["diverged"] = 1
     text = to_markdown(build_report(report["config"], [], outcomes))
-    assert "diverged and count as 0 units: 2." in text
+    assert "diverged and count as 0 cm: 2." in text
 
 
 def test_the_report_of_one_replicate_says_how_far_each_gait_swims(report: dict[str, Any]) -> None:
