@@ -18,8 +18,15 @@ test test-slow: export OMP_NUM_THREADS ?= 1
 # Formats and lints JavaScript; biome.json has its settings.
 BIOME := npx --yes @biomejs/biome@2.6.8
 
-.PHONY: recover results test test-slow lint verify verify-inference bench pages docs wheel lowest clean
+TARGETS := recover results test test-slow lint verify verify-inference bench pages docs wheel lowest clean
+.PHONY: $(TARGETS)
 .DEFAULT_GOAL := recover
+
+# make would take "make results physics" for two targets, and make all results first.
+OTHERS := $(filter-out $(TARGETS) $(VENV)/%,$(MAKECMDGOALS))
+ifneq ($(OTHERS),)
+$(error $(firstword $(OTHERS)) is no target, which are $(TARGETS); other words stand in ARGS, as make $(firstword $(filter $(TARGETS),$(MAKECMDGOALS)) results) ARGS="$(OTHERS)")
+endif
 
 recover: $(VENV)/.installed
 	$(PY) examples/damage_recovery.py --out $(OUT) $(ARGS)

@@ -6,9 +6,9 @@
 
 A result is made by its own commands in a folder of its own, OUT/NAME. Then its files replace the
 committed ones, and its record in docs/provenance.json has the commands, the commit, the date, the
-CPU time, and a digest of the golden cases on which it rests. It is up to date while commands and
-digest are today's. The same command resumes. A run of a tree with uncommitted changes, or with
---smallest, stays in OUT.
+CPU time, and two digests: of the golden cases on which it rests, and of its files. It is up to date
+while commands and digests are today's. The same command resumes. A run of a tree with uncommitted
+changes, or with --smallest, stays in OUT.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ import tyro
 from aquafish_gym import held_out
 from aquafish_gym.engines.packages import available_cores
 from aquafish_gym.runs.command_line import REFUSED, run_command_line
+from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.runs.version import git, is_clone
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
@@ -97,6 +98,8 @@ class Record:
         CPU time of the run; None if it was not measured.
     golden
         Digest of the golden cases at that commit; None if it is not known.
+    files
+        Digest of the files that were committed.
     """
 
     commands: list[str]
@@ -104,6 +107,7 @@ class Record:
     date: str
     cpu_minutes: float | None
     golden: str | None
+    files: str
 
 
 def _files(folder: str, *names: str) -> dict[str, str]:
@@ -457,7 +461,18 @@ def golden_digest(text: str, cases: Iterable[str]) -> str | None:
     if any(case not in kept for case in cases):
         return None
     rows = "".join(f"{case} {kept[case]}\n" for case in sorted(cases))
-    return hashlib.sha256(rows.encode()).hexdigest()[:16]
+    return _digest(rows.encode())
+
+
+def files_digest(result: Result) -> str:
+    """Return the digest of a result's committed files; a missing one counts as empty."""
+    paths = {file: ROOT / file for file in sorted(result.files)}
+    contents = {file: path.read_bytes() if path.is_file() else b"" for file, path in paths.items()}
+    return _digest("".join(f"{file} {_digest(one)}\n" for file, one in contents.items()).encode())
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def read_records() -> dict[str, Record]:
@@ -475,13 +490,15 @@ def out_of_date(result: Result, record: Record | None) -> str:
         return "golden cases unknown"
     if record.golden != golden_digest(GOLDEN.read_text("utf-8"), result.golden):
         return "golden cases changed"
+    if record.files != files_digest(result):
+        return "other files"
     return ""
 
 
 def provenance() -> str:
     """Return the table of the committed results, for docs/provenance.md."""
     records = read_records()
-    rows = [["result", "command", "commit", "date", "CPU minutes", "golden cases since"]]
+    rows = [["result", "command", "commit", "date", "CPU minutes", "since then"]]
     for name, result in RESULTS.items():
         record = records.get(name)
         reason = out_of_date(result, record)
@@ -536,6 +553,15 @@ class MakeResults:
         """Make what is missing, and commit-ready copies of it."""
         for name in self.names:
             one_of("names", name, RESULTS)
+        if self.plan:
+            self._todo()
+            return
+        # Before anything is read: another run may be about to write it.
+        with lock(ensure_writable_directory(self.out)):
+            self._make_all(self._todo())
+
+    def _todo(self) -> dict[str, Result]:
+        """Return the results to make, and say which they are and how long they take."""
         records = read_records()
         todo = {}
         for name in self.names or RESULTS:
@@ -553,16 +579,17 @@ class MakeResults:
                 print(f"{name}: {'smallest size' if self.smallest else reason}{minutes}")
         if not todo:
             print("nothing to do")
-            return
-        if not self.smallest:
+        elif not self.smallest:
             total = sum(result.cpu_minutes for result in todo.values())
             print(
                 f"{len(todo)} results: about {total / 60:.1f} CPU hours, "
                 f"{total / 60 / available_cores():.1f} hours on {available_cores()} cores",
                 flush=True,
             )
-        if self.plan:
-            return
+        return todo
+
+    def _make_all(self, todo: Mapping[str, Result]) -> None:
+        """Make results; SystemExit with the code 1 if one failed, or must be committed first."""
         failed = []
         # Inputs of others first: they must be committed before the others are made.
         for name in sorted(todo, key=lambda one: not todo[one].is_input):
@@ -587,7 +614,7 @@ class MakeResults:
         commit = "" if self.smallest else present_commit()
         golden = golden_digest(GOLDEN.read_text("utf-8"), result.golden)
         # CPU seconds of all tries of these commands with these golden cases
-        made_of = hashlib.sha256(repr((result.commands, golden)).encode()).hexdigest()[:8]
+        made_of = _digest(repr((result.commands, golden)).encode())[:8]
         spent = base / f"{name}-{made_of}.cpu"
         for command in result.commands:
             whole = f"{command} {(result.smallest or '') if self.smallest else ''}".strip()
@@ -614,7 +641,8 @@ class MakeResults:
                 write_bytes(ROOT / target, (folder / file).read_bytes())
             date = f"{datetime.now(UTC):%Y-%m-%d}"
             minutes = round(float(spent.read_text()) / 60, 1)
-            write_record(name, Record(list(result.commands), commit, date, minutes, golden))
+            files = files_digest(result)
+            write_record(name, Record(list(result.commands), commit, date, minutes, golden, files))
         return True
 
 

@@ -6,6 +6,7 @@ import json
 import re
 import runpy
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from typing import Any
 import pytest
 
 from aquafish_gym.runs import command_line
+from aquafish_gym.runs.manifest import lock
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments import results
 from experiments.results import (
@@ -30,6 +32,7 @@ from experiments.results import (
     MakeResults,
     Record,
     Result,
+    files_digest,
     golden_digest,
     out_of_date,
     read_records,
@@ -47,6 +50,12 @@ def test_every_committed_file_belongs_to_one_result() -> None:
     assert sorted(set(committed) - set(owned)) == []
     assert [file for file in owned if not (ROOT / file).is_file()] == []
     assert set(read_records()) == set(RESULTS)
+
+
+def test_every_committed_file_is_as_it_was_made() -> None:
+    """A figure that somebody changes by hand is noticed."""
+    changed = [n for n, one in read_records().items() if one.files != files_digest(RESULTS[n])]
+    assert changed == []
 
 
 def test_every_golden_case_exists() -> None:
@@ -136,6 +145,9 @@ def test_an_interrupted_result_resumes_to_the_same_bytes(
     assert record.cpu_minutes > 0.0
     MakeResults(out=clone / "whole").execute()
     assert capsys.readouterr().out.endswith("nothing to do\n")
+    copy.write_bytes(made + b"\n")
+    MakeResults(out=clone / "whole", plan=True).execute()
+    assert "tiny: other files" in capsys.readouterr().out
 
     results.RECORDS.write_text("{}")
     copy.unlink()
@@ -226,6 +238,27 @@ def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
     assert read_records()["tiny"].cpu_minutes == 1.0
 
 
+def test_two_runs_at_once_do_not_meet(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second reads nothing that the first is about to write."""
+    trivial(monkeypatch, clone)
+    monkeypatch.setattr(results, "read_records", lambda: pytest.fail("it has read the records"))
+    out = clone / "out"
+    out.mkdir()
+    with lock(out), pytest.raises(InvalidArgumentError, match="is in use by another command"):
+        MakeResults(out=out).execute()
+
+
+@pytest.mark.skipif(not shutil.which("make"), reason="make is not installed")
+def test_make_refuses_a_word_that_is_no_target() -> None:
+    """It would make all results first, and then say that there is no target physics."""
+    words = ["make", "--dry-run", "results", "physics", "gap"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "physics is no target" in done.stderr
+    assert 'as make results ARGS="physics gap"' in done.stderr
+    assert done.stdout == ""
+
+
 def test_a_copy_without_git_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in a folder of another repository."""
     git = ["git", "-c", "user.name=A", "-c", "user.email=a@b.c", "-C", str(tmp_path)]
@@ -263,12 +296,14 @@ def test_a_failed_result_keeps_the_committed_one(
 
 def test_a_result_is_up_to_date_while_command_and_golden_cases_are() -> None:
     now = golden_digest(GOLDEN.read_text(), TINY.golden)
-    record = Record(list(TINY.commands), "0123abcd", "2026-11-27", 0.1, now)
+    files = files_digest(TINY)
+    record = Record(list(TINY.commands), "0123abcd", "2026-11-27", 0.1, now, files)
     assert out_of_date(TINY, record) == ""
     assert out_of_date(TINY, None) == "not made yet"
     assert out_of_date(TINY, replace(record, commands=["other"])) == "other command"
     assert out_of_date(TINY, replace(record, golden=None)) == "golden cases unknown"
     assert out_of_date(TINY, replace(record, golden="0")) == "golden cases changed"
+    assert out_of_date(TINY, replace(record, files="0")) == "other files"
     assert golden_digest('{"evolve cma": "a", "other": "b"}', TINY.golden) == golden_digest(
         '{"evolve cma": "a", "other": "c"}', TINY.golden
     )
