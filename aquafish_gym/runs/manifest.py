@@ -19,7 +19,12 @@ from typing import Any
 
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.version import PACKAGE, version
-from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
+from aquafish_gym.utils.storage import (
+    ensure_writable_directory,
+    existing_folder,
+    read_document,
+    write_document,
+)
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK = ".aquafish.lock"
@@ -190,10 +195,28 @@ def result_folder(
         return
     folder = ensure_writable_directory(out)
     with lock(folder):
-        if outputs is None:
-            outputs = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
-        write_manifest(folder, kind, settings, outputs, work)
+        write_manifest(folder, kind, settings, _present(folder, outputs), work)
         yield folder
+
+
+def check_folder(
+    out: Path | str, kind: str, settings: Mapping[str, Any], outputs: Iterable[str] | None = None
+) -> None:
+    """Refuse a folder that ``result_folder`` would refuse, except one in use; create nothing.
+
+    For a command that compiles or computes before it writes.
+    """
+    folder = Path(out)
+    ensure_writable_directory(existing_folder(folder / SETTINGS))
+    check_manifest(folder, kind, settings, _present(folder, outputs))
+
+
+def _present(folder: Path, outputs: Iterable[str] | None) -> list[str]:
+    """Return a command's files, or by default all that a folder has."""
+    if outputs is not None:
+        return list(outputs)
+    found = folder.iterdir() if folder.exists() else ()
+    return sorted(path.name for path in found if path.name != LOCK)
 
 
 def refuse_difference(

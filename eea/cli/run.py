@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 from tyro.conf import arg
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.runs.command_line import (
     AnyDamage,
     Given,
@@ -18,7 +19,7 @@ from aquafish_gym.runs.command_line import (
     Threads,
     read_morphology,
 )
-from aquafish_gym.runs.manifest import result_folder
+from aquafish_gym.runs.manifest import check_folder, result_folder
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
@@ -28,6 +29,7 @@ from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.estimate import STATED_MASS, body_lines, end_lines
 
+KIND = "a run of the algorithm"
 # Reasons for the end of a session, in words.
 STOP_REASONS = {
     "rounds": "all rounds are done",
@@ -85,23 +87,24 @@ class Run(Given):
         config = self.config()
         damage = Damage.parse(self.damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
+        settings = {
+            **config.to_dict(),
+            "seed": self.seed,
+            "target_damage": str(damage),
+            "target_morphology": intact.to_dict(),
+            "target_engine": resolve_engine("target_engine", self.target_engine),
+            "gap": asdict(self.gap),
+            "current": self.current,
+        }
         rng = streams(self.seed)["target"]
+        check_folder(self.out, KIND, settings)  # before the target's first trial is compiled
         target = EngineTarget(
             intact, damage, rng, config.steps, self.target_engine, self.current, gap=self.gap
         )
         session = fish_eea(
             target, config, self.seed, target.morphology, current=self.current, threads=self.threads
         )
-        settings = {
-            **config.to_dict(),
-            "seed": self.seed,
-            "target_damage": str(damage),
-            "target_morphology": intact.to_dict(),
-            "target_engine": target.engine,
-            "gap": asdict(self.gap),
-            "current": self.current,
-        }
-        with result_folder(self.out, "a run of the algorithm", settings):
+        with result_folder(self.out, KIND, settings):
             _fill(self.out, session)
 
 
