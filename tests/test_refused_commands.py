@@ -39,6 +39,7 @@ REFUSED: dict[str, list[tuple[str, str]]] = {
         ("--figure 5 --steps 100", "steps must be a power of two; got 100"),
         ("--figure 5 --steps 64 64", "steps must differ from each other"),
         ("--figure 5 --replicates 1" + 400 * "0", "replicates must be .* at most 10000"),
+        ("--figure 5 --held-out --replicates 11", "replicates with held_out must .* at most 10"),
         ("--figure 5 --workers 0", "workers must be a whole number"),
         ("--figure 5 9 --in-band.best 5", "in_band.best is for the condition in-band"),
         (
@@ -75,6 +76,7 @@ REFUSED: dict[str, list[tuple[str, str]]] = {
         ("--steps 100", "steps must be a power of two; got 100"),
         ("--models 0", "estimation.population must be"),
         ("--replicates 0", "replicates must be a whole number of at least 1"),
+        ("--held-out --replicates 11", "replicates with --held-out must .* at most 10"),
         ("--scheduler 127.0.0.1", "such as tcp://host:8786; got '127.0.0.1'"),
     ],
     "evolve --out {out}": [

@@ -78,7 +78,7 @@ class CaseStudy(Given):
     seed: int = 0
     """Seed of the first replicate."""
     replicates: Annotated[int, arg(aliases=("--seeds",))] = 1
-    """Replicates, with seeds from --seed upwards."""
+    """Replicates, with seeds from --seed upwards; at most ten with --held-out."""
     rounds: int = RECOVERY.rounds
     """Trials of the EEA on the damaged robot, one a round."""
     joint_rounds: int = 2
@@ -162,6 +162,7 @@ class CaseStudy(Given):
         damages[0].apply(body)
         if self.held_out:
             damages = [Damage.parse(text) for text in held_out("recovery")]
+            integer("replicates with --held-out", self.replicates, 1, len(damages))
         finite_array("gyro_noise", self.gyro_noise, (), 0.0, MAXIMUM_SPIN, "rad/s")
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)

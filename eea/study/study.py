@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.runs.manifest import (
@@ -65,6 +66,8 @@ class Study:
 
     def __post_init__(self) -> None:
         whole("replicates", self.replicates, 1, MOST_REPLICATES)
+        if self.world.held_out:  # more would repeat damages
+            whole("replicates with held_out", self.replicates, 1, len(held_out(HELD_OUT)))
         whole("first_seed", self.first_seed, 0, 2**63 - 1)
         if len(set(self.steps)) < len(self.steps):
             raise ConfigurationError(f"steps must differ from each other; got {self.steps}")
