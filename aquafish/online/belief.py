@@ -65,9 +65,12 @@ class SurpriseMonitor:
     """
 
     margin: float = field(default_factory=lambda: thresholds.SURPRISE_MARGIN)
-    squares: list[float] = field(default_factory=list)  #: Squared innovations, newest last.
-    used: list[int] = field(default_factory=list)  #: The number of channels in each of them.
-    highest: dict[int, float] = field(default_factory=dict)  #: Largest sum so far, by window.
+    #: Squared innovations, newest last.
+    squares: list[float] = field(default_factory=list, init=False)
+    #: The number of channels in each of them.
+    used: list[int] = field(default_factory=list, init=False)
+    #: Largest sum so far, by window.
+    highest: dict[int, float] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         finite_array("margin", self.margin, (), 0.0)

@@ -12,7 +12,6 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import SurpriseMonitor
-from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.gaits import load_library
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward
@@ -203,7 +202,6 @@ def test_a_malformed_observation_changes_nothing(step: int) -> None:
         ("inferences", lambda: AgentConfig(inferences=(5, 3))),
         ("margin", lambda: SurpriseMonitor(-1.0)),
         ("info", lambda: ControllerAgent(load_library()[0]).reset({})),
-        ("observed", lambda: ErrorCalibration(Scenario.create(), None, 20).add(np.zeros(3), 1.0)),
     ],
 )
 def test_what_does_not_fit_the_agent_is_refused_by_name(name: str, make: Any) -> None:

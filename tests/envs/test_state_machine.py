@@ -176,8 +176,8 @@ class Calls(RuleBasedStateMachine):
             if self.over[i]:
                 self.matches(i, observation, info, robot.reset())
                 continue
-            seen, its_reward, _, cut, its_info = robot.step(action[i])
-            assert (its_reward, cut) == (reward[i], truncated[i])
+            seen, its_reward, end, cut, its_info = robot.step(action[i])
+            assert (its_reward, end, cut) == (reward[i], terminated[i], truncated[i])
             if ended[i] and self.mode == "SameStep":
                 assert_same(info["final_obs"][i], seen)
                 seen, its_info = robot.reset()

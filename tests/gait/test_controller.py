@@ -12,12 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aquafish.online.gaits import read_library
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.storage import DamagedFileError, write_document
+from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 from gait.controllers.checks import MAXIMUM_SUM
-from gait.controllers.controller import Controller
+from gait.controllers.controller import SCHEMA, Controller
 from gait.controllers.export import make_vectors
 from gait.controllers.network import HEADER_ROWS, forward
 from gait.swims.scores import scores
@@ -153,6 +154,13 @@ def test_file_round_trip(tmp_path: Path) -> None:
     assert "sample" not in make_controller().to_dict()
     controller.save(path)
     assert Controller.load(path).to_dict() == controller.to_dict()
+
+
+def test_committed_gaits_are_saved_as_they_were(tmp_path: Path) -> None:
+    """Those of the agent's library, which another version may have made."""
+    for gait in read_library()["gaits"]:
+        Controller.from_dict(gait).save(tmp_path / "c.json")
+        assert read_document(tmp_path / "c.json", SCHEMA) == gait
 
 
 def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:

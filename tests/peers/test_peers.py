@@ -10,7 +10,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -78,7 +78,10 @@ SUITES = {
 
 
 def fetched(package: str, suite: Suite, folder: Path) -> Path:
-    """Return the folder with a package's tests; skip the test if they cannot be fetched."""
+    """Return the folder with a package's tests; skip the test if they cannot be fetched.
+
+    A repository that can be reached but has no tag of the installed version is a failure.
+    """
     wanted = version(package)
     if suite.repository:
         found = folder / "repository"
@@ -95,10 +98,31 @@ def fetched(package: str, suite: Suite, folder: Path) -> Path:
         ]
     try:
         for command in commands:
-            subprocess.run(command, check=True, capture_output=True, timeout=FETCH_SECONDS)
+            subprocess.run(
+                command, check=True, capture_output=True, timeout=FETCH_SECONDS,
+                env={**os.environ, "LC_ALL": "C"},
+            )  # fmt: skip
     except (OSError, subprocess.SubprocessError) as error:
+        if b"Remote branch" in (getattr(error, "stderr", None) or b""):
+            pytest.fail(f"{suite.repository} has no tag v{wanted}")
         pytest.skip(f"the tests of {package} {wanted} cannot be fetched here: {error}")
     return found
+
+
+def test_a_missing_tag_is_no_skip(tmp_path: Path) -> None:
+    repository = tmp_path / "theirs"
+    git = ["git", "-c", "user.name=A", "-c", "user.email=a@b.c"]
+    subprocess.run([*git, "init", "-q", str(repository)], check=True)
+    suite = replace(SUITES["gymnasium"], repository=str(repository))
+    commit = [*git, "-C", str(repository), "commit", "-q", "--allow-empty", "-m", "none"]
+    subprocess.run(commit, check=True)
+    with pytest.raises(pytest.fail.Exception, match="has no tag v"):
+        fetched("gymnasium", suite, tmp_path / "one")
+    subprocess.run(["git", "-C", str(repository), "tag", f"v{version('gymnasium')}"], check=True)
+    assert (fetched("gymnasium", suite, tmp_path / "two") / ".git").is_dir()
+    absent = replace(suite, repository=str(tmp_path / "absent"))
+    with pytest.raises(pytest.skip.Exception, match="cannot be fetched here"):
+        fetched("gymnasium", absent, tmp_path / "three")
 
 
 @pytest.mark.slow

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from strange_values import Call, options
 
 from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online.belief import SurpriseMonitor
+from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.self_model import SelfModel, predict
 from aquafish.online.teacher import SHAPES, Teacher
@@ -24,6 +27,13 @@ AGENT.begin(np.zeros(3))
 MODEL = SelfModel(ROBOT, np.zeros(3))
 STATE = MODEL.state
 BODY = Morphology.nominal()
+
+
+def add_to_calibration(action: Any, observed: Any) -> bool:
+    """Add an action and an observation to a calibration that has just begun."""
+    return ErrorCalibration(ROBOT, np.zeros(3), 20).add(action, observed)
+
+
 ROWS = [
     Call(
         SelfModelAgent,
@@ -78,6 +88,13 @@ ROWS = [
         predict,
         {"robots": ROBOT, "states": STATE[:, None], "actions": np.zeros((1, 3)), "hold": 20},
     ),
+    Call(SurpriseMonitor, {"margin": 1.5}, options(margin="fraction, big")),
+    Call(
+        ErrorCalibration,
+        {"robot": ROBOT, "fin_angles": np.zeros(3), "hold": 20},
+        options(fin_angles="none"),
+    ),
+    Call(add_to_calibration, {"action": np.zeros(3), "observed": np.full(9, np.nan)}),
     Call(
         filmed,
         {
