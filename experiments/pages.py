@@ -75,14 +75,14 @@ def tiers() -> str:
 #: Rows of the README's first table: treatments of docs/recovery/report.json.
 RECOVERED = ("undamaged", "randomised", "out-of-band", "joint-fins", "swims-on", "oracle-fins")
 OURS = ("joint-fins", "swims-on")  # in bold
-#: Rows of its second: what people read, and the entrant of docs/results/league/league.json.
+#: Rows of its second: entrants of docs/results/league/league.json, and what they are.
 PLAYED = {
-    "the gait for the whole robot, by PPO": "PPO, fins",
-    "Intelligent Trial and Error, given its true position": "trial and error",
-    "RMA, a learned policy that estimates what broke": "RMA",
-    "blind: the same agent, which never looks for damage": "blind",
-    "**self-model**, charged for its thinking": "self-model",
-    "*oracle*: the same, given the truth at once": "oracle",
+    "PPO, fins": "the gait for the whole robot",
+    "trial and error": "Intelligent Trial and Error, given its true position",
+    "RMA": "a learned policy that estimates what broke",
+    "blind": "the same agent, which never looks for damage",
+    "self-model": "the agent, charged for its thinking",
+    "oracle": "the same, given the truth at once",
 }
 CM_PER_UNIT = 5.0
 
@@ -118,9 +118,12 @@ def league() -> str:
     played = _read("results/league/league.json")
     names = ("severe", "moderate", "mild")
     rows = [["agent", *names]]
-    for label, entrant in PLAYED.items():
+    for entrant, words in PLAYED.items():
         ways = [played[entrant][tier]["way_after_onset"] for tier in names]
-        rows.append([label, *(centimetres(way[0], way[1:]) for way in ways)])
+        bold = "**" if entrant == "self-model" else ""
+        rows.append(
+            [f"{bold}{entrant}{bold}: {words}", *(centimetres(way[0], way[1:]) for way in ways)]
+        )
     gains = [played["self-model"][tier]["over"]["blind"]["mean"] for tier in names]
     rows.append(["*what recognising is worth*: mean of self-model less blind, episode by episode",
                  *(centimetres(gain[0], gain[1:]) for gain in gains)])  # fmt: skip

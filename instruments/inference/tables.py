@@ -56,7 +56,7 @@ def strangers_table(parts: Mapping[str, Any]) -> Table:
     for name, part in parts.items():
         held = part.get("share")
         rows.append(
-            (KINDS.get(name, "all that warn of nothing"), str(part["robots"]), str(part["good"]),
+            (KINDS.get(name, "all"), str(part["robots"]), str(part["good"]),
              str(part["warned"]), str(part["numbers"]), "" if held is None else f"{held:.1%}",
              "" if held is None else " to ".join(f"{end:.0%}" for end in part["interval"]),
              f"{part['simulations']:.0f}")
