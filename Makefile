@@ -25,7 +25,8 @@ TARGETS := recover results test test-slow lint verify verify-inference bench pag
 # make would take "make results physics" for two targets, and make all results first.
 OTHERS := $(filter-out $(TARGETS) $(VENV)/%,$(MAKECMDGOALS))
 ifneq ($(OTHERS),)
-$(error $(firstword $(OTHERS)) is no target, which are $(TARGETS); other words stand in ARGS, as make $(firstword $(filter $(TARGETS),$(MAKECMDGOALS)) results) ARGS="$(OTHERS)")
+FIRST := $(firstword $(filter $(TARGETS),$(MAKECMDGOALS)))
+$(error $(firstword $(OTHERS)) is no target, which are $(TARGETS)$(if $(FIRST),; say make $(FIRST) ARGS="$(OTHERS)"))
 endif
 
 recover: $(VENV)/.installed

@@ -255,7 +255,7 @@ def test_make_refuses_a_word_that_is_no_target() -> None:
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "physics is no target" in done.stderr
-    assert 'as make results ARGS="physics gap"' in done.stderr
+    assert 'say make results ARGS="physics gap"' in done.stderr
     assert done.stdout == ""
 
 
