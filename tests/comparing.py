@@ -43,6 +43,25 @@ def assert_same(found: Any, want: Any, atol: float = 0.0, at: str = "") -> None:
             np.testing.assert_array_equal(mine, other, at)
 
 
+def overwrite(found: Any) -> list[NDArray[Any]]:
+    """Write into all arrays that were returned, as their reader may, and return them."""
+    if isinstance(found, np.ndarray) and found.dtype.kind != "O":
+        found[...] = found.dtype.type(7)
+        return [found]
+    parts: Any = ()
+    if isinstance(found, dict):
+        parts = list(found.values())
+        found.clear()
+    elif isinstance(found, tuple | list | np.ndarray):
+        parts = found
+    return [array for part in parts for array in overwrite(part)]
+
+
+def assert_overwritten(arrays: list[NDArray[Any]]) -> None:
+    """Refuse arrays into which something was written since :func:`overwrite`."""
+    assert all((array == array.dtype.type(7)).all() for array in arrays)
+
+
 def _assert_same_info(found: Any, want: dict[str, Any], atol: float, at: str) -> None:
     assert isinstance(found, dict), at
     more = set(found) - set(want)

@@ -163,12 +163,19 @@ def damages_of_channels(draw: st.DrawFn, dt: float, limit: int) -> tuple[str, st
         part = draw(st.sampled_from(list(CHANNELS)))
         lateness = f"{draw(late) * dt:.4g}"
         words = [f"delay={lateness}", f"hold={lateness}"]
-        if part != "caudal":  # whose servo stops at another action than 0
-            words += ["scale=0.5"]
-            words += ["stuck", "dropped", "bias=0.4"] if "obs" in CHANNELS[part] else ["reversed"]
+        if "obs" in CHANNELS[part]:
+            words += ["scale=0.5", "stuck", "dropped", "bias=0.4"]
+        else:
+            words += ["dead"]
+        if "gyro" in part:
+            words += ["bias=40"]  # beyond its range
+        if "pectoral" in part:  # the tail's servo stops at another action than 0
+            words += ["scale=0.5", "weak=0.5", "reversed"]
         onset = draw(st.sampled_from([0.0, 1.0, 1.6, limit - 1.0])) * dt
         until = draw(st.sampled_from(["", f"+{2 * dt:.4g}"]))
-        found.append((part, f"{draw(st.sampled_from(words))}@{onset:.4g}{until}"))
-    built_in = "; ".join(f"{part}:{word}" for part, word in found)
-    channels = "; ".join(f"{CHANNELS[part]}:{word}" for part, word in found)
+        found.append((part, draw(st.sampled_from(words)), f"@{onset:.4g}{until}"))
+    # A servo whose motor is dead from the start stands at any angle, and a seized one at its own.
+    names = {"dead": "seized"}
+    built_in = "; ".join(f"{part}:{names.get(word, word)}{time}" for part, word, time in found)
+    channels = "; ".join(f"{CHANNELS[part]}:{word}{time}" for part, word, time in found)
     return built_in or "none", channels or "none"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -23,32 +24,16 @@ from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
+from tests.contract.scenes import damages
 
 HOLD, STEPS = 20, 12
 ENGINES = ["numba", "pybullet"] if importlib.util.find_spec("pybullet") else ["numba"]
 
-fins = st.sampled_from(["left_pectoral", "right_pectoral", "caudal"])
-channels = st.sampled_from(["up_x", "north_y", "gyro_x", "gyro_z"])
-shares = st.sampled_from([0.3, 0.5, 0.8])
-words = st.one_of(
-    st.builds("{}:length={}".format, fins, shares),
-    st.builds("{}:missing".format, fins),
-    st.builds("{}:weak={}".format, fins, shares),
-    st.builds("{}:seized".format, fins),
-    st.builds("{}:delay=0.4".format, fins),
-    st.builds("{}:hold=0.6".format, fins),
-    st.builds("{}:bias={}".format, channels, shares),
-    st.builds("{}:stuck".format, channels),
-    st.builds("{}:dropped".format, channels),
-    st.builds("{}:delay=0.2".format, channels),
-    st.builds("{}:scale={}".format, channels, shares),
-    st.just("gyro:noise=0.05"),
-)
-onsets = st.sampled_from(["", "@0.2", "@0.75", "@1.0+0.6"])
-damages = st.lists(st.builds("{}{}".format, words, onsets), max_size=3).map("; ".join)
+# Whatever is drawn at a reset, an environment draws.
+texts = damages(HOLD / 100, STEPS).filter(lambda text: not re.search("random|dead", text))
 scenes = st.fixed_dictionaries(
     {
-        "damage": damages,
+        "damage": texts,
         "current": st.sampled_from([(0.0, 0.0, 0.0), (0.1, -0.2, 0.05)]),
         "reactive": st.booleans(),
     }

@@ -42,21 +42,9 @@ def check_numbers(info: dict[str, Any]) -> None:
         assert np.isfinite(value).all(), name
 
 
-def arrays(found: Any) -> list[Any]:
-    """Return the arrays in what a step or a reset returned."""
-    seen, *numbers, info = found
-    return [a for a in (seen, *numbers, *info.values()) if isinstance(a, np.ndarray)]
-
-
 def as_bytes(found: Any) -> bytes:
     *numbers, info = found
     return b"".join(np.asarray(value).tobytes() for value in (*numbers, *info.values()))
-
-
-def check_fresh(found: Any, before: Any) -> None:
-    for new in arrays(found):
-        assert new.flags.writeable
-        assert not any(np.shares_memory(new, old) for old in arrays(before))
 
 
 def check_strictly(env: gym.Env[Any, Any], steps: int) -> str:
@@ -64,13 +52,11 @@ def check_strictly(env: gym.Env[Any, Any], steps: int) -> str:
     said = hashlib.sha256()
     space = env.observation_space
     env.action_space.seed(7)
-    before: Any = env.reset(seed=3)
-    check_numbers(before[1])
+    check_numbers(env.reset(seed=3)[1])
     over, names = False, set[str]()
     for _ in range(steps):
         if over:
-            before = env.reset()
-            said.update(as_bytes(before))
+            said.update(as_bytes(env.reset()))
         action = env.action_space.sample()
         given = action.copy()
         found = env.step(action)
@@ -88,9 +74,8 @@ def check_strictly(env: gym.Env[Any, Any], steps: int) -> str:
         check_numbers(info)
         names = names or set(info)
         assert names == set(info)
-        check_fresh(found, before)
         said.update(as_bytes(found))
-        before, over = found, truncated
+        over = truncated
     return said.hexdigest()
 
 
@@ -99,7 +84,7 @@ def check_batch(name: str, steps: int) -> str:
     said = hashlib.sha256()
     envs = gym.make_vec(name, num_envs=COUNT)
     envs.action_space.seed(7)
-    before: Any = envs.reset(seed=3)
+    envs.reset(seed=3)
     for _ in range(steps):
         found = envs.step(envs.action_space.sample())
         seen, reward, terminated, truncated, info = found
@@ -112,9 +97,7 @@ def check_batch(name: str, steps: int) -> str:
         np.testing.assert_array_equal(reward, sum(terms))
         assert {f"_{k}" for k in info if not k.startswith("_")} == {k for k in info if k[0] == "_"}
         check_numbers(info)
-        check_fresh(found, before)
         said.update(as_bytes(found))
-        before = found
     return said.hexdigest()
 
 

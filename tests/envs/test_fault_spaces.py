@@ -81,8 +81,7 @@ class Sized(gym.Env[Any, Any]):
 
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version")
 @pytest.mark.filterwarnings("ignore:.*value is -?infinity")
-@pytest.mark.parametrize("most", [100.0, np.inf])
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize(("dtype", "most"), [(np.float16, 100.0), (np.float64, np.inf)])
 @pytest.mark.parametrize("shape", [(), (0,), (2, 1), (1, 0, 2)])
 def test_boxes_of_any_shape_and_precision(shape: Any, dtype: Any, most: float) -> None:
     size = math.prod(shape)

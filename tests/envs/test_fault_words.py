@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
+from collections.abc import Iterator
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from fault_fakes import Echo, play, swim
+from fault_fakes import Echo, play, random_damages
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tensor_robots import Arms
 
-from aquafish_gym import FaultWrapper
+from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.damage import TIERS, Damage
-from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.damage.side import Side
 from aquafish_gym.utils.validation import UnknownNameError
+from eea.fish.target import EngineTarget
 
 
 def done(found: Any) -> Any:
@@ -80,6 +85,15 @@ def test_noise_is_white_and_where_it_should_be() -> None:
     assert (away[1000:] == 0.0).all()
     assert (away[:, [0, 1, 2, 4]] == 0.0).all()
     assert infos[0]["observation_noise"].tolist() == [0, 0, 0, 0.5, 0]
+    several = VectorFaultWrapper(
+        SyncVectorEnv([lambda: Echo(length=2000)] * 2), "observation_0-1:noise=0.2"
+    )
+    several.reset(seed=0)
+    still = np.zeros((2, 2), np.float32)
+    away = np.array([several.step(still)[0][:, :2] for _ in range(1000)])
+    away -= np.arange(1, 1001)[:, None, None] % 13 * np.array([1, 2])
+    streams = away.reshape(1000, 4).T  # of two channels of two robots
+    np.testing.assert_allclose(np.corrcoef(streams), np.eye(4), atol=0.15)
 
 
 def test_faults_add_up_and_groups_are_inclusive() -> None:
@@ -128,47 +142,151 @@ def test_faults_touch_nothing_before_and_after(
         np.testing.assert_array_equal(done(found)[asked], ASKED[asked])
 
 
-@pytest.mark.parametrize("word", ["weak=0.5", "reversed", "dead", "seized", "seized=-1"])
-def test_swimmer_swims_otherwise_from_the_onset_on(word: str) -> None:
-    env = gym.make("Swimmer-v5")
-    whole, _ = play(env, 60)
-    broken, infos = play(FaultWrapper(env, f"action_0:{word}@1+1"), 60)
-    assert (broken[:26] == whole[:26]).all()  # 25 steps of 0.04 s
-    assert (broken[26] != whole[26]).any()
-    assert [info["faults"] for info in infos] == [0] * 25 + [1] * 25 + [0] * 11
-
-
-@pytest.mark.parametrize("word", ["noise=0.1", "bias=0.2", "stuck", "dropped"])
-def test_swimmer_senses_otherwise_and_swims_on(word: str) -> None:
-    env = gym.make("Swimmer-v5")
-    whole, _ = play(env, 60)
-    broken, _ = play(FaultWrapper(env, f"observation_3:{word}@1+1"), 60)
-    away = broken != whole
-    assert away[26:50, 3].all()
-    assert away.sum() == away[25:50, 3].sum()
-
-
-@pytest.mark.parametrize(
-    ("built_in", "channels"),
-    [
-        ("up_x:stuck@2+3; north_y:dropped@3; gyro_z:bias=0.5@1+9",
-         "observation_0:stuck@2+3; observation_4:dropped@3; observation_8:bias=0.5@1+9"),
-        ("gyro_y:bias=0.05@2+9; gyro_x:bias=40@3",
-         "observation_7:bias=0.05@2+9; observation_6:bias=40@3"),
-        ("left_pectoral:reversed@4+8", "action_0:reversed@4+8"),
-        ("right_pectoral:weak=0.5", "action_1:weak=0.5"),
-        ("left_pectoral:seized@4+8", "action_0:dead@4+8"),
-        ("caudal:seized@5", "action_2:dead@5"),
-    ],
-)  # fmt: skip
-def test_fish_has_the_same_faults_to_the_bit(built_in: str, channels: str) -> None:
-    whole = AquaFishEnv(engine="numba")
-    wrapped = FaultWrapper(whole, channels, neutral=[0.0, 0.0, -1.0])
-    assert swim(wrapped) == swim(AquaFishEnv(damage=built_in, engine="numba")) != swim(whole)
-
-
 @pytest.mark.parametrize("part", ["action", "action_1", "observation_0-3"])
 def test_text_of_channels_reads_back_exactly(part: str) -> None:
     word = "seized=-3.5" if part.startswith("action") else "noise=1e-05"
     for time in ("", "@1.5", "@1.0-2.0+0.1"):
         assert str(Damage.parse(f"{part}:{word}{time}")) == f"{part}:{word}{time}"
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"),
+    [
+        ("delay=2", [0, 0, 0, 1, 2, 3, 4, 5, 6]),
+        ("delay=2@4", [0, 1, 2, 3, 2, 3, 4, 5, 6]),
+        ("delay=2@4+2", [0, 1, 2, 3, 2, 3, 6, 7, 8]),
+        ("delay=3@1", [0, 0, 0, 0, 1, 2, 3, 4, 5]),
+        ("hold=3", [0, 0, 0, 3, 3, 3, 6, 6, 6]),
+        ("hold=3@1+5", [0, 1, 1, 1, 4, 4, 6, 7, 8]),
+        ("hold=2.5", [0, 0, 0, 3, 3, 5, 5, 5, 8]),
+        ("hold=2@1; observation_0:delay=1@1", [0, 0, 1, 1, 3, 3, 5, 5, 7]),
+        ("delay=1; observation_0:delay=2", [0, 0, 0, 0, 1, 2, 3, 4, 5]),
+        ("delay=2; observation_0:stuck@5", [0, 0, 0, 1, 2, 3, 3, 3, 3]),
+    ],
+)
+def test_a_late_sensor_says_what_it_measured_then(text: str, rows: list[int]) -> None:
+    found, infos = play(FaultWrapper(Echo(), f"observation_0:{text}", dt=1))
+    want = WHOLE.copy()
+    want[:, 0] = WHOLE[rows, 0]
+    np.testing.assert_array_equal(found, want)
+    assert any(info["observation_delay"][0] or info["observation_hold"][0] for info in infos)
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"),
+    [
+        ("delay=2", [None, None, 0, 1, 2, 3, 4, 5]),
+        ("delay=2@4+2", [0, 1, 2, 3, 2, 3, 6, 7]),
+        ("hold=3", [0, 0, 0, 3, 3, 3, 6, 6]),
+        ("delay=1@2; action_0:hold=2@2", [0, 1, 1, 2, 2, 4, 4, 6]),
+        ("delay=2; action_0:seized@5", [None, None, 0, 1, 2, 2, 2, 2]),
+    ],
+)
+def test_a_late_actuator_does_what_was_asked_then(text: str, rows: list[int | None]) -> None:
+    found, _ = play(FaultWrapper(Echo(), f"action_0:{text}", dt=1, neutral=[0.5, 0.0]))
+    want = ASKED.copy()
+    want[:, 0] = [0.5 if row is None else ASKED[row, 0] for row in rows]
+    np.testing.assert_array_equal(found[1:, 3:], want)
+
+
+def test_scale_multiplies_and_joins_others() -> None:
+    text = "observation_1:scale=-2@2+3; observation_1:bias=1; action_1:scale=0.5; action:weak=0.5"
+    found, infos = play(FaultWrapper(Echo(), text, dt=1))
+    factors = np.where([2 <= step < 5 for step in range(9)], -2.0, 1.0)
+    np.testing.assert_array_equal(found[:, 1], factors * WHOLE[:, 1] + 1.0)
+    np.testing.assert_array_equal(found[1:, 3:], ASKED * np.float32([0.5, 0.25]))
+    assert [info["observation_scale"][1] for info in infos] == factors.tolist()
+    assert infos[0]["action_scale"].tolist() == [1.0, 0.5]
+    assert infos[0]["action_gain"].tolist() == [0.5, 0.5]
+    huge = ";".join(["observation_0:scale=1e30"] * 50 + ["action_0:scale=1e30"] * 50)
+    seen, _ = play(FaultWrapper(Echo(), huge))
+    assert seen[0, 0] == 0.0
+    assert (seen[1:, 0] == 40.0).all()
+    assert (np.abs(seen[1:, 3]) == 10.0).all()
+
+
+def test_whole_channels_have_no_more_information_than_before() -> None:
+    _, infos = play(FaultWrapper(Echo(), "action_0:dead"))
+    assert not any("delay" in name or "scale" in name for info in infos for name in info)
+
+
+@given(
+    delays=st.lists(st.integers(0, 6), min_size=12, max_size=12),
+    periods=st.lists(st.sampled_from([0.0, 1.5, 2.0, 3.7]), min_size=12, max_size=12),
+    ends=st.sets(st.integers(1, 11)),
+)
+@settings(max_examples=60)
+def test_late_and_slow_channels_are_what_they_say(
+    delays: list[int], periods: list[float], ends: set[int]
+) -> None:
+    """Against lists, with new delays and holds in every step, and episodes that end."""
+    lines, rows = Side(3, 1, dt=1.0), np.array([1])
+    lines.remember(6)
+    kept: list[float] = []
+    began, before = 0, 0.0
+    for step, (delay, period) in enumerate(zip(delays, periods, strict=True)):
+        if step in ends:
+            lines.start(rows)
+            kept, before = [], 0.0
+        began = began if period == before and kept else len(kept)
+        before = period
+        lines.update(rows, {"delay": np.array([[delay]]), "hold": np.array([[period]])})
+        number = float(step)
+        if period:
+            since = len(kept) - began
+            if math.floor(since / period + 1e-9) == math.floor((since - 1) / period + 1e-9):
+                number = kept[-1]
+        kept.append(number)
+        (found,) = lines.carry(np.array([[float(step)]]), rows)
+        assert found[0] == kept[max(0, len(kept) - 1 - delay)]
+
+
+def test_a_line_that_grows_keeps_the_order_of_its_numbers() -> None:
+    lines, rows, found = Side(1, 1, dt=1.0), np.array([0]), []
+    for number, delay in enumerate((2, 2, 2, 3, 3)):
+        lines.update(rows, {"delay": np.array([[delay]]), "hold": np.zeros((1, 1))})
+        found += lines.carry(np.array([[float(number)]]), rows)[0].tolist()
+    assert found == [0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+def test_a_target_logs_late() -> None:
+    def log(damage: str | None) -> Any:
+        robot = EngineTarget(None, damage, np.random.default_rng(0), 64, engine="numba")
+        return robot.perform(np.array([0.4, -0.3, 0.8])).gyro[0]
+
+    whole, late = log(None), log("gyro:delay=0.05@0.2; gyro_z:scale=2")
+    np.testing.assert_array_equal(late[20:, :2], whole[15:-5, :2])
+    np.testing.assert_array_equal(late[:19], whole[:19] * [1, 1, 2])
+
+
+def played(case: int) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Yield all that a batch with random faults did and saw, in 16 steps with random actions."""
+    mode = list(AutoresetMode)[case % 3]
+    dtype = ("float64", "float32")[case // 3 % 2]
+    rng = np.random.default_rng(case)
+    arms = Arms(np.zeros(1, dtype), mode, 3, bounded=case // 6 % 2 > 0)
+    envs: Any = VectorFaultWrapper(arms, random_damages(rng, 3, case >= 36), dt=1)
+    over = np.zeros(3, np.bool_)
+    yield envs.reset(seed=case)
+    for _ in range(16):
+        if mode is AutoresetMode.DISABLED and over.any():
+            yield envs.reset(options={"reset_mask": over})
+        seen, rewards, terminations, truncations, info = envs.step(
+            rng.uniform(-1.2, 1.2, (3, 2)).astype(dtype)
+        )
+        over = terminations | truncations
+        yield seen, info
+        yield np.column_stack([rewards, arms.acted]), {}
+
+
+def test_random_faults_are_what_they_were() -> None:
+    """A hash of the actions, observations and infos of batches, to five digits."""
+    found = hashlib.sha256()
+    for case in range(72):
+        for numbers, info in played(case):
+            names = sorted(name for name in info if not name.startswith(("_", "final")))
+            told = [info[name][info[f"_{name}"]] for name in names]
+            for values in (numbers, *told):
+                # 0 and -0 are the same.
+                found.update((np.asarray(values, np.float64).round(5) + 0.0).tobytes())
+    assert found.hexdigest()[:8] == "d30e4588"

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from aquafish_gym.damage import CHANNELS, Damage
+from aquafish_gym.damage import Damage
 from aquafish_gym.engines.worlds import WORLDS, make_world
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.sense import GYRO_RANGE
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 NOMINAL = Morphology.nominal()
 BROKEN = Damage.parse("left_pectoral:length=0.4;caudal:width=0.5").apply(NOMINAL)
-SEVERAL = (
-    "gyro:noise=0.1;left_pectoral:seized=1.0;up_x:stuck@2;caudal:length=0.5@4+3;north_y:bias=0.2"
-)
-# With SEVERAL and the random ones, every word there is.
-OTHERS = (
-    "left_pectoral:thickness=0.5@2;left_pectoral:hold=1.3;left_pectoral:weak=-0.5@4;"
-    "right_pectoral:delay=2;right_pectoral:reversed@3;right_pectoral:dead@7;"
-    "caudal:scale=0.7@1+3;caudal:entangled=0.3@3;caudal:missing@9+2;"
-    "gyro:delay=1;gyro:scale=1.5@2;up_y:hold=2.5;north_x:dropped@6;up_z:delay=2@3"
-)
 COUNT = 3
 
 
@@ -109,23 +94,6 @@ def test_dead_servo_has_a_random_angle_in_each_episode() -> None:
     assert len(set.union(*phases)) == 5
 
 
-def test_sensor_faults_change_the_observation() -> None:
-    truth = np.array([seen for seen, _ in swim(make(frame_skip=25), 40)])
-    damage = "up_x:stuck@2;north_y:dropped@3;gyro_z:bias=0.5;gyro_x:bias=100@5"
-    said = np.array([seen for seen, _ in swim(make(damage=damage, frame_skip=25), 40)])
-    up_x, north_y, gyro_z, gyro_x = (
-        CHANNELS.index(name) for name in ("up_x", "north_y", "gyro_z", "gyro_x")
-    )
-    assert (said[:9, up_x] == truth[:9, up_x]).all()
-    assert (said[8:, up_x] == truth[8, up_x]).all()
-    assert (said[:12, north_y] == truth[:12, north_y]).all()
-    assert (said[12:, north_y] == 0.0).all()
-    np.testing.assert_allclose(said[:, gyro_z], truth[:, gyro_z] + 0.5, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(said[20:, gyro_x], GYRO_RANGE, rtol=1e-6)  # saturates
-    rest = [i for i in range(9) if i not in (up_x, north_y, gyro_z, gyro_x)]
-    assert (said[:, rest] == truth[:, rest]).all()
-
-
 def test_noise_affects_only_the_gyroscope() -> None:
     truth = np.array([seen for seen, _ in swim(make(frame_skip=1), 1000)])
     env = make(damage="gyro:noise=0.1", frame_skip=1)
@@ -137,50 +105,34 @@ def test_noise_affects_only_the_gyroscope() -> None:
     assert (said == [seen for seen, _ in swim(env, 1000)]).all()
 
 
-def test_each_robot_of_a_batch_may_have_its_own_damage() -> None:
-    damages = ["none", "caudal:missing", "left_pectoral:seized;gyro:noise=0.2@1"]
+def test_each_robot_of_a_batch_may_begin_with_fin_angles_of_its_own() -> None:
     poses: list[Any] = ["zero", (0.1, 0.2, 0.3), "random"]
-    envs = AquaFishVectorEnv(3, damage=damages, fin_angles=poses, dtype="float64")
-    seen, info = envs.reset(seed=4)
-    assert info["faults"].tolist() == [0, 1, 1]
-    assert (info["morphology"][1, 6:] == 0.0).all()
+    envs = AquaFishVectorEnv(3, fin_angles=poses, dtype="float64")
+    _, info = envs.reset(seed=4)
     np.testing.assert_allclose(info["fin_angles"][:2], [[0.0] * 3, [0.1, 0.2, 0.3]])
-    for i in range(3):
-        alone, told = make(damage=damages[i], fin_angles=poses[i]).reset(seed=4 + i)
-        assert (alone == seen[i]).all()
-        assert (told["fin_angles"] == info["fin_angles"][i]).all()
+    _, alone = make(fin_angles="random").reset(seed=6)
+    assert (alone["fin_angles"] == info["fin_angles"][2]).all()
     options = {"damage": ["caudal:missing", "none", "none"], "reset_mask": np.array([1, 0, 1]) > 0}
     _, info = envs.reset(options=options)
-    assert info["faults"].tolist() == [1, 1, 0]
+    assert info["faults"].tolist() == [1, 0, 0]
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "got"),
+    ("name", "value"),
     [
-        ("damage", ["none", "caudal:missing"], "got 2; faults of one robot are joined by ';'"),
-        ("damage", ["caudal:missing"], "got 1; faults"),
-        ("damage", [], "got 0"),
-        ("fin_angles", ["zero", "random"], "got 2"),
-        ("fin_angles", np.zeros((4, 3)), "got 4"),
-        ("morphology", [None, None], "got 2"),
+        ("damage", ["none", "caudal:missing"]),
+        ("damage", []),
+        ("fin_angles", np.zeros((4, 3))),
+        ("morphology", [None, None]),
     ],
 )
-def test_list_is_one_for_each_robot(name: str, value: Any, got: str) -> None:
-    wanted = f"{name} must be one for all robots or num_envs = 3 of them; {got}"
+def test_list_is_one_for_each_robot(name: str, value: Any) -> None:
+    wanted = f"{name} must be one for all robots or num_envs = 3 of them; got {len(value)}"
     with pytest.raises(InvalidArgumentError, match=wanted):
         AquaFishVectorEnv(3, **{name: value})
     envs = AquaFishVectorEnv(3)
     with pytest.raises(InvalidArgumentError, match=wanted):
         envs.reset(options={name: value})
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["mild", "moderate", "severe"]))
-def test_observations_of_random_damage_stay_in_the_space(seed: int, tier: str) -> None:
-    env = make(damage=f"random:{tier}@0-1", frame_skip=50)
-    for seen, info in swim(env, 6, seed):
-        assert env.observation_space.contains(seen)
-        assert all(np.isfinite(np.asarray(value)).all() for value in info.values())
 
 
 @pytest.mark.parametrize("task", ["station", "waypoint"])
@@ -201,28 +153,6 @@ def test_damage_does_not_change_the_task_of_a_seed(task: str) -> None:
         assert (np.array(asked(damage)) == np.array(asked("none"))).all()
 
 
-@pytest.mark.parametrize("make", [gym.make, partial(gym.make_vec, vectorization_mode="sync")])
-def test_a_list_for_one_robot_is_refused(make: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"faults of one robot"):
-        make("AquaFish-v0", engine="numba", damage=["caudal:missing", "none"])
-
-
 def test_a_list_of_faults_is_the_damage_of_every_robot() -> None:
     envs = AquaFishVectorEnv(2, damage=Damage.parse("caudal:missing;up_x:stuck").to_list())
     assert envs.reset()[1]["faults"].tolist() == [2, 2]
-
-
-@pytest.mark.parametrize("damage", ["caudal:missing@20", "random:mild@15-30"])
-def test_onset_after_the_episode_is_refused(damage: str) -> None:
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s; got"):
-            make("AquaFish-v0", damage=damage)
-        make("AquaFishRecovery-v0", damage=damage)
-
-
-def test_a_current_beside_the_tasks_own_is_refused() -> None:
-    for make in (gym.make, gym.make_vec):
-        with pytest.raises(InvalidArgumentError, match=r"^current must be 0 .*HoldStation"):
-            make("AquaFishStation-v0", current=(0.1, 0.0, 0.0))
-        with pytest.raises(InvalidArgumentError, match=r"^current must be 0 .*ReturnToBuoys"):
-            make("AquaFishReturn-v0", current=(0.1, 0.0, 0.0))

@@ -16,8 +16,6 @@ from fault_fakes import swim
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from tasks_of_ones_own import Along, Axis, Engine, Kept, Plain
 
 import aquafish_gym
@@ -82,26 +80,27 @@ def test_what_is_written_makes_the_same_environment(kwargs: dict[str, Any]) -> N
     assert swim(several, 12) == swim(gym.make(read_again(several)), 12)
 
 
-@pytest.mark.parametrize("kwargs", KWARGS, ids=lambda one: "-".join(one))
 @pytest.mark.parametrize("name", aquafish_gym.IDS)
-def test_what_is_read_equals_what_was_written(name: str, kwargs: dict[str, Any]) -> None:
-    flows = "current" in kwargs and name in ("AquaFishStation-v0", "AquaFishReturn-v0")
-    given = {"engine": "numba", "damage": None} | kwargs | ({"task": "forward"} if flows else {})
-    made = gym.make(name, **given)
-    for envs in (
-        made,
-        gym.make(name, max_episode_steps=7, **given),
-        FaultWrapper(made, "observation:noise=0.1", dt=np.float32(0.5), neutral=np.zeros(3)),
-        gym.make_vec(name, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **given),
-    ):
-        spec = envs.spec
-        assert spec is not None
-        assert read_again(envs) == spec
-        assert spec == read_again(envs)
-        assert spec == copy.deepcopy(spec)
-        other = copy.deepcopy(spec)
-        other.kwargs["frame_skip"] = 7
-        assert read_again(envs) != other
+def test_what_is_read_equals_what_was_written(name: str) -> None:
+    for kwargs in KWARGS:
+        flows = "current" in kwargs and name in ("AquaFishStation-v0", "AquaFishReturn-v0")
+        given = {"engine": "numba", "damage": None} | kwargs
+        given |= {"task": "forward"} if flows else {}
+        made = gym.make(name, **given)
+        for envs in (
+            made,
+            gym.make(name, max_episode_steps=7, **given),
+            FaultWrapper(made, "observation:noise=0.1", dt=np.float32(0.5), neutral=np.zeros(3)),
+            gym.make_vec(name, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **given),
+        ):
+            spec = envs.spec
+            assert spec is not None
+            assert read_again(envs) == spec
+            assert spec == read_again(envs)
+            assert spec == copy.deepcopy(spec)
+            other = copy.deepcopy(spec)
+            other.kwargs["frame_skip"] = 7
+            assert read_again(envs) != other
 
 
 def test_specifications_that_cannot_be_written_are_equal_by_what_they_hold() -> None:
@@ -187,27 +186,6 @@ def test_a_bad_specification_is_refused(kwargs: dict[str, Any], message: str) ->
         AquaFishEnv(**kwargs)
 
 
-@given(
-    weight=st.floats(-1e6, 1e6),
-    seconds=st.integers(1, 18000).map(lambda steps: steps * 0.2),
-    angles=st.tuples(*[st.floats(-9, 9, width=32)] * 3),
-    current=st.lists(st.floats(-20, 20), min_size=3, max_size=3),
-)
-@settings(max_examples=30, deadline=None)
-def test_numbers_are_read_to_the_last_bit(
-    weight: float, seconds: float, angles: Any, current: list[float]
-) -> None:
-    task = SwimForward(seconds=seconds, forward_weight=weight)
-    env = AquaFishEnv(task=task, fin_angles=np.float32(angles), current=current)
-    env.spec = EnvSpec(
-        "AquaFish-v0", "aquafish_gym:AquaFishEnv", disable_env_checker=True,
-        kwargs={"task": task, "fin_angles": np.float32(angles), "current": current},
-    )  # fmt: skip
-    again = gym.make(read_again(env)).unwrapped
-    assert again.task == task
-    assert again._config == env._config
-
-
 def test_an_entry_point_is_the_public_name() -> None:
     public = {spec.entry_point for name, spec in gym.registry.items() if name in aquafish_gym.IDS}
     assert public == {"aquafish_gym:AquaFishEnv"}
@@ -222,9 +200,8 @@ def test_an_entry_point_is_the_public_name() -> None:
 
 @pytest.mark.parametrize("name", aquafish_gym.IDS)
 def test_a_batch_refuses_an_episode_longer_than_the_task(name: str) -> None:
-    lasts = gym.make(name, engine="numba").spec.max_episode_steps
-    assert lasts == (100 if name == "AquaFish-v0" else 300)
-    gym.make_vec(name, 2, max_episode_steps=lasts)
+    lasts = 100 if name == "AquaFish-v0" else 300
+    assert gym.make_vec(name, 2, max_episode_steps=lasts).spec.max_episode_steps == lasts
     with pytest.raises(InvalidArgumentError, match=rf"at most {lasts}.*got {lasts + 1}: .*"):
         gym.make_vec(name, 2, max_episode_steps=lasts + 1)
 
@@ -245,25 +222,30 @@ def test_a_limit_is_the_shorter_one() -> None:
     assert longer.spec.max_episode_steps == 500
 
 
-def length(env: gym.Env[Any, Any]) -> int:
-    env.reset(seed=0)
-    for step in range(1, 400):
-        *_, over, _ = env.step(np.zeros(env.action_space.shape, np.float32))
-        if over:
-            return step
-    return 400
-
-
-def test_a_specification_says_how_long_an_episode_is() -> None:
-    for env in (
-        gym.make("AquaFish-v0", engine="numba"),
-        gym.make("AquaFish-v0", engine="numba", max_episode_steps=50),
-        gym.make("AquaFish-v0", engine="numba", max_episode_steps=150),
-        gym.make("AquaFish-v0", engine="numba", frame_skip=50),
-        TimeLimit(gym.make("AquaFish-v0", engine="numba"), 500),
-        TimeLimit(gym.make("AquaFish-v0", engine="numba"), 30),
-    ):
-        assert env.spec.max_episode_steps == length(env)
+@pytest.mark.parametrize(
+    ("kwargs", "limit", "steps"),
+    [
+        ({}, None, 100),
+        ({"frame_skip": 5}, None, 400),
+        ({"frame_skip": 2000}, None, 1),
+        ({"max_episode_steps": 50}, None, 50),
+        ({"max_episode_steps": 150}, None, 100),
+        ({}, 500, 100),
+        ({}, 30, 30),
+        ({"task": SwimForward(seconds=1.0)}, None, 5),
+        ({"id": "AquaFishRecovery-v0"}, None, 300),
+    ],
+)
+def test_a_specification_says_how_long_an_episode_is(
+    kwargs: dict[str, Any], limit: int | None, steps: int
+) -> None:
+    env: Any = gym.make(**{"id": "AquaFish-v0", "engine": "numba", **kwargs})
+    env = TimeLimit(env, limit) if limit else env
+    assert env.spec.max_episode_steps == steps
+    for each in (env, gym.make(env.spec)):
+        each.reset(seed=0)
+        ends = [each.step(np.zeros(3, np.float32))[3] for _ in range(steps)]
+        assert ends == [False] * (steps - 1) + [True]
 
 
 def test_damage_after_the_end_is_refused() -> None:

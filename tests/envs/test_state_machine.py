@@ -27,7 +27,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 import aquafish_gym
 from aquafish_gym.envs.tasks import SwimForward
-from tests.comparing import assert_same
+from tests.comparing import assert_overwritten, assert_same, overwrite
 
 EXAMPLES = int(os.environ.get("STATE_MACHINE_EXAMPLES", "4"))
 COUNT = 3
@@ -103,6 +103,7 @@ class Calls(RuleBasedStateMachine):
         self.env = self.make()
         self.twin = self.make()
         self.robots: list[Any] = []
+        self.given: list[Any] = []  # what the environment returned last
         if not self.single and not self.wrapped:
             self.robots = [gym.make("AquaFish-v0", **self.options) for _ in range(COUNT)]
         self.over = np.ones(1 if self.single else COUNT, bool)  # no episode has begun
@@ -128,8 +129,11 @@ class Calls(RuleBasedStateMachine):
         calls += 1
         mine = call(self.env)
         assert_same(mine, call(self.twin))
-        self.observation = mine[0]
-        return mine
+        found = copy.deepcopy(mine)
+        assert_overwritten(self.given)
+        self.given = overwrite(mine)
+        self.observation = found[0]
+        return found
 
     def matches(self, i: int, observation: Any, info: Any, robot: tuple[Any, Any]) -> None:
         assert_same(observation[i], robot[0])

@@ -18,10 +18,13 @@ from gymnasium.wrappers import vector as several
 
 from aquafish_gym import IDS, Morphology
 from gait.controllers.controller import Controller
+from tests.trainers import __main__ as command
 from tests.trainers.page import PAGE as BLOCKS
-from tests.trainers.page import read_trainers, score, shown_line
+from tests.trainers.page import Trainer, form, read_trainers, score, shown_line
 
 COUNT = 4
+TRAINERS = read_trainers(BLOCKS.read_text(encoding="utf-8"))
+SHOWN = shown_line(BLOCKS.read_text(encoding="utf-8"))
 PAGE = pathlib.Path(__file__).parents[2] / "docs" / "howto" / "train.md"
 
 
@@ -46,7 +49,7 @@ def batch(name: str, **kwargs: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
 
 
 @pytest.mark.parametrize("native", [False, True])
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", ["AquaFish-v0", "AquaFishReturn-v0"])
 def test_the_loop_of_cleanrl(name: str, native: bool) -> None:
     envs: Any = batch(name) if native else SyncVectorEnv([lambda: cleanrl(name)] * COUNT)
     assert isinstance(envs.single_action_space, gym.spaces.Box)
@@ -69,14 +72,7 @@ def test_the_loop_of_cleanrl(name: str, native: bool) -> None:
     envs.close()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "AquaFish-v0",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in list(IDS)[1:-2]),
-        *list(IDS)[-2:],
-    ],
-)
+@pytest.mark.parametrize("name", ["AquaFish-v0", "AquaFishReturn-v0"])
 def test_stable_baselines(name: str) -> None:
     pytest.importorskip("stable_baselines3")
     from stable_baselines3 import PPO
@@ -114,7 +110,7 @@ def test_a_video_of_one_and_of_several(tmp_path: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", ["AquaFish-v0", "AquaFishReturn-v0"])
 def test_torchrl_wraps_a_batch(name: str, mode: str) -> None:
     pytest.importorskip("torchrl")
     from torchrl.envs import GymWrapper
@@ -150,10 +146,10 @@ def test_rl_zoo_trains_and_keeps_what_it_learned(tmp_path: pathlib.Path, algorit
     """By the command that the page shows, in short."""
     pytest.importorskip("rl_zoo3")
     text = PAGE.read_text(encoding="utf-8")
-    (command,) = re.findall(r"^python (-m rl_zoo3.train .*)$", text, re.MULTILINE)
-    command = command.replace("--algo ppo ", f"--algo {algorithm} ")
-    command = command.replace("rl_zoo_ppo.yml", f"rl_zoo_{algorithm}.yml")
-    words = [*shlex.split(command), "-n", "512", "-f", str(tmp_path / "logs"), "--hyperparams"]
+    (line,) = re.findall(r"^python (-m rl_zoo3.train .*)$", text, re.MULTILINE)
+    line = line.replace("--algo ppo ", f"--algo {algorithm} ")
+    line = line.replace("rl_zoo_ppo.yml", f"rl_zoo_{algorithm}.yml")
+    words = [*shlex.split(line), "-n", "512", "-f", str(tmp_path / "logs"), "--hyperparams"]
     words += FEW[algorithm]
     root = PAGE.parents[2]
     done = subprocess.run([sys.executable, *words], cwd=root, capture_output=True, text=True)
@@ -168,10 +164,9 @@ def test_a_block_of_the_page_scores_its_policy(
     trainer: str, package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip(package)
-    page = BLOCKS.read_text(encoding="utf-8")
     monkeypatch.chdir(PAGE.parents[2])
-    exec(compile(read_trainers(page)[trainer].code, trainer, "exec"), {"__name__": "trainers"})
-    assert score(capsys.readouterr().out, shown_line(page))
+    exec(compile(TRAINERS[trainer].code, trainer, "exec"), {"__name__": "trainers"})
+    assert score(capsys.readouterr().out, SHOWN)
 
 
 def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:
@@ -214,3 +209,35 @@ def test_the_dataset_that_is_here_can_be_swum_again() -> None:
         np.testing.assert_allclose(rows, episode.observations, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(earned, episode.rewards, rtol=1e-4, atol=1e-4)
         assert info["faults"] == episode.infos["faults"][-1] > 0
+
+
+def test_each_trainer_has_a_block_of_at_most_15_lines() -> None:
+    lengths = {name: len(one.code.splitlines()) for name, one in TRAINERS.items()}
+    names = "stable-baselines3 cleanrl torchrl skrl tianshou rllib minari"
+    assert list(lengths) == names.split()
+    assert max(lengths.values()) <= 15
+    assert all("print(evaluate(" in one.code for one in TRAINERS.values())
+
+
+def test_a_score_is_found_by_its_form() -> None:
+    assert form(SHOWN) == "# [#, #] in # episodes"
+    assert score("50%\r100%\n-0.4 [-1.0, 1.4] in 10 episodes\nclosed\n", SHOWN) == (
+        "-0.4 [-1.0, 1.4] in 10 episodes"
+    )
+    assert score("nan [nan, nan] in 10 episodes\n", SHOWN) is None
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [(f"print({SHOWN!r})", 0), ("print('trained')", 1), ("raise ValueError('no such env')", 1)],
+)
+def test_the_command_fails_where_a_block_does(
+    code: str, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    block = Trainer("Mine", "-e .", "py", code)
+    monkeypatch.setattr(command, "read_trainers", lambda _: {"mine": block})
+    monkeypatch.setattr(command, "install", lambda *_: pathlib.Path(sys.executable))
+    assert command.main(["Mine"]) == status
+    said = capsys.readouterr()
+    assert (f"Mine: {SHOWN}" in said.out) == (status == 0)
+    assert ("failed: mine" in said.err) == (status == 1)

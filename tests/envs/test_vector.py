@@ -1,4 +1,4 @@
-"""The batched environment is the single one, many times."""
+"""The batched environment, its attributes and tasks, is the single one, many times."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from fault_fakes import swim
 from gymnasium.vector import SyncVectorEnv
 
-import aquafish_gym  # noqa: F401
+from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.envs.env import AquaFishEnv
@@ -43,20 +43,6 @@ def test_a_task_set_later_is_obeyed() -> None:
     assert_same(env.step(actions(0, 1)[0]), other.step(actions(0, 1)[0]))
 
 
-def test_returned_arrays_are_not_reused() -> None:
-    env, other = make(), make()
-    for e in (env, other):
-        _, info = e.reset(seed=0)
-    for action in actions(9, 3):
-        mine, theirs = env.step(action), other.step(action)
-        assert_same(mine, theirs)
-        theirs[0][:] = np.nan
-        for value in theirs[4].values():
-            value[...] = None if value.dtype == object else 0
-    info["morphology"][:] = 0.0
-    assert_same(env.step(action), other.step(action))
-
-
 def test_threads_work_after_a_fork() -> None:
     code = """
 import copy
@@ -81,101 +67,6 @@ if child:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_reset_mask_resets_some_robots() -> None:
-    env, other = (make(autoreset_mode="Disabled", frame_skip=500) for _ in range(2))
-    mask = np.array([False, True, False])
-    with pytest.raises(ResetNeeded, match="first reset"):
-        env.reset(options={"reset_mask": mask})
-    for e in (env, other):
-        e.reset(seed=0)
-    for action in actions(3, 2):
-        env.step(action)
-        other.step(action)
-    seen, info = env.reset(options={"reset_mask": mask, "damage": "caudal:missing"})
-    assert seen[1].tolist() == [0, 0, 1, 0, 1, 0, 0, 0, 0]
-    assert info["faults"].tolist() == [0, 1, 0]
-    assert info["_faults"].tolist() == mask.tolist()
-    for action in actions(4, 2):
-        a, _, _, truncated, _ = env.step(action)
-        b = other.step(action)[0]
-    assert (a[[0, 2]] == b[[0, 2]]).all()
-    assert truncated.tolist() == [True, False, True]
-    with pytest.raises(ResetNeeded):
-        env.step(actions(5, 1)[0])
-    env.reset(options={"reset_mask": ~mask})
-    env.step(actions(5, 1)[0])
-
-
-def flood(env: Any, robot: int, speed: float) -> None:
-    """Let the water of one robot flow at a speed that no door admits."""
-    water = np.zeros((env.num_envs, 3))
-    water[robot] = speed
-    env._swimmers.set_current(water)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_divergence_terminates_one_robot(mode: str) -> None:
-    env, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
-    for e in (env, other):
-        e.reset(seed=0)
-    action = actions(6, 1)[0]
-    good = env.step(action)[0]
-    other.step(action)
-    flood(env, 1, 1e30)
-    seen, reward, terminated, truncated, info = env.step(action)
-    expected = other.step(action)[0]
-    assert terminated.tolist() == [False, True, False]
-    assert not truncated.any()
-    assert reward[1] == 0.0
-    assert (seen[[0, 2]] == expected[[0, 2]]).all()
-    last = seen[1] if mode == "NextStep" else info["final_obs"][1]
-    assert (last == good[1]).all()
-    for _ in range(2):
-        seen, _, terminated, *_ = env.step(action)
-        assert not terminated.any()
-        assert np.isfinite(seen).all()
-
-
-@pytest.mark.parametrize("speed", [1e3, 1e5, 1e6, -1e30, np.inf, np.nan])
-def test_divergence_is_detected_before_overflow(speed: float) -> None:
-    """As the single environment tells it."""
-    env = make(dtype="float64", frame_skip=1)
-    single = gym.make("AquaFish-v0", engine="numba", frame_skip=1).unwrapped
-    action = actions(0, 1)[0]
-    env.reset(seed=0)
-    single.reset(seed=1)
-    good, *_ = env.step(action)
-    single.step(action[1])
-    flood(env, 1, speed)
-    single._robot.world.set_current((speed,) * 3)  # type: ignore[attr-defined]
-    seen, reward, terminated, _, info = env.step(action)
-    one, score, ended, _, told = single.step(action[1])
-    assert terminated.tolist() == [False, ended, False]
-    assert (seen[1] == one).all()
-    assert reward[1] == score
-    assert info["diverged"][1] == told["diverged"] == ended
-    if abs(reward[1]) > 1e6 or not np.isfinite(speed):
-        assert ended
-        assert (seen[1] == good[1]).all()
-
-
-def test_bad_actions_and_masks_are_refused() -> None:
-    env = make()
-    with pytest.raises(ResetNeeded):
-        env.step(actions(0, 1)[0])
-    env.reset()
-    bad = actions(0, 1)[0]
-    bad[1, 1] = np.nan
-    for action in (bad, bad[:2], np.ones(3), "swim"):
-        with pytest.raises(InvalidArgumentError, match="action must"):
-            env.step(action)
-    for mask in ([1, 0, 0], np.zeros(3, bool), np.ones(2, bool)):
-        with pytest.raises(InvalidArgumentError, match="reset_mask"):
-            env.reset(options={"reset_mask": mask})
-    with pytest.raises(InvalidArgumentError, match="did you mean 'damage'"):
-        env.reset(options={"damages": "none"})
 
 
 @dataclass(frozen=True)
@@ -300,3 +191,123 @@ def test_the_specs_of_robots_have_the_engine_of_the_batch(engine: Any) -> None:
     env.close()
     for given in ({}, {"engine": "auto"}):
         assert make(**given).get_attr("spec")[0].kwargs["engine"] == "numba"
+
+
+DAMAGE = ["none", "caudal:seized@2", "random:mild@1-3"]
+KWARGS: dict[str, Any] = {"task": "waypoint", "observe_fins": True, "frame_skip": 25}
+NAMES = (
+    "dt", "frame_skip", "task", "render_mode", "metadata", "action_space", "observation_space",
+    "np_random_seed",
+)  # fmt: skip
+
+
+def made(kind: str, render_mode: str | None = None) -> Any:
+    kwargs = KWARGS | {"render_mode": render_mode}
+    if kind == "sync":
+        return SyncVectorEnv(
+            [
+                lambda d=d: gym.make("AquaFish-v0", engine="numba", damage=d, **kwargs)
+                for d in DAMAGE
+            ]
+        )
+    if kind == "wrapped sync":
+        return VectorFaultWrapper(made("sync", render_mode), "action_0:weak=0.5")
+    envs = gym.make_vec("AquaFish-v0", 3, damage=DAMAGE, dtype="float64", **kwargs)
+    return VectorFaultWrapper(envs, "action_0:weak=0.5") if kind == "wrapped" else envs
+
+
+KINDS = ("batch", "wrapped", "wrapped sync")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_attributes_are_those_of_the_single_environments(kind: str) -> None:
+    one, two = made("sync"), made(kind)
+    for envs in (one, two):
+        envs.reset(seed=[5, 7, 9])
+    for name in NAMES:
+        assert one.get_attr(name) == two.get_attr(name) == two.call(name), name
+        assert type(two.get_attr(name)) is tuple
+    assert two.np_random_seed == (5, 7, 9)
+    states = [
+        [rng.bit_generator.state for rng in envs.get_attr("np_random")] for envs in (one, two)
+    ]
+    assert states[0] == states[1]
+    for envs in (one, two):
+        assert envs.call("has_wrapper_attr", "dt") == (True,) * 3
+        assert envs.call("has_wrapper_attr", "no_such") == (False,) * 3
+        assert envs.call("get_wrapper_attr", "frame_skip") == (25,) * 3
+        with pytest.raises(AttributeError, match="no_such"):
+            envs.get_attr("no_such")
+        assert envs.call("render") == (None,) * 3
+        envs.set_attr("label", ["a", "b", "c"])
+        envs.set_attr("count", 3)
+        assert (envs.get_attr("label"), envs.get_attr("count")) == (("a", "b", "c"), (3,) * 3)
+        envs.call("set_wrapper_attr", "count", 4)
+        assert envs.call("get_wrapper_attr", "count") == (4,) * 3
+        with pytest.raises(ValueError, match=r"values|Values"):
+            envs.set_attr("label", ["a"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_seeds_are_those_of_the_single_environments(kind: str) -> None:
+    """Drawn before the first reset, kept without a seed, changed under a mask."""
+    fresh = made(kind)
+    drawn = fresh.np_random_seed if kind != "wrapped sync" else fresh.get_attr("np_random_seed")
+    assert len(set(drawn)) == 3
+    first, _ = fresh.reset()
+    again = made(kind)
+    np.testing.assert_array_equal(again.reset(seed=list(drawn))[0], first)
+    fresh.reset(seed=3)
+    assert fresh.get_attr("np_random_seed") == (3, 4, 5)
+    fresh.reset()
+    assert fresh.get_attr("np_random_seed") == (3, 4, 5)
+    fresh.reset(seed=[None, 8, None])
+    assert fresh.get_attr("np_random_seed") == (3, 8, 5)
+    rngs = [np.random.default_rng(i) for i in range(3)]
+    fresh.set_attr("np_random", rngs)
+    assert fresh.get_attr("np_random_seed") == (-1,) * 3
+    other = made(kind)
+    other.set_attr("np_random", [np.random.default_rng(i) for i in range(3)])
+    np.testing.assert_array_equal(fresh.reset()[0], other.reset()[0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_frames_are_those_of_the_single_environments(kind: str) -> None:
+    one, two = made("sync", "rgb_array"), made(kind, "rgb_array")
+    assert two.render_mode == "rgb_array"
+    for envs in (one, two):
+        envs.reset(seed=0)
+    for frames in zip(one.render(), two.call("render"), two.render(), strict=True):
+        np.testing.assert_array_equal(frames[0], frames[1])
+        np.testing.assert_array_equal(frames[0], frames[2])
+
+
+def test_a_specification_of_each_robot_makes_it_by_itself() -> None:
+    envs = made("batch")
+    for i, spec in enumerate(envs.get_attr("spec")):
+        alone = gym.make(spec)
+        assert spec.kwargs["damage"] == DAMAGE[i]
+        assert swim(alone, 20) == swim(AquaFishEnv(engine="numba", damage=DAMAGE[i], **KWARGS), 20)
+
+
+@pytest.mark.parametrize("name", ["task", "dt", "frame_skip", "spec", "metadata"])
+def test_what_the_batch_is_made_with_cannot_be_set(name: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"{name} of robots cannot be set"):
+        made("batch").set_attr(name, 1)
+
+
+@pytest.mark.parametrize("name", ["reset", "step", "close"])
+def test_what_the_whole_batch_does_is_not_called_of_robots(name: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"call must not be of '{name}'"):
+        made("batch").call(name)
+
+
+def test_a_batch_must_still_be_reset_first() -> None:
+    envs = made("batch")
+    assert len(envs.np_random) == 3
+    with pytest.raises(gym.error.ResetNeeded):
+        envs.step(np.zeros((3, 3), np.float32))
+    with pytest.raises(gym.error.ResetNeeded):
+        envs.reset(options={"reset_mask": np.array([True, False, False])})
+    with pytest.raises(InvalidArgumentError, match="np_random must be numpy Generators"):
+        envs.set_attr("np_random", 3)
