@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import aquafish_gym
+from aquafish_gym.engines.api import check_engine, resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA
 from instruments.verification.agreement import (
-    QUANTILES,
     WHAT,
     quantiles,
     single_precision,
@@ -17,7 +21,6 @@ from instruments.verification.trials import random_trials
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-STILL = (0.0, 0.0, 0.0)
 
 _rng = np.random.default_rng(9)
 NUISANCES: dict[str, np.ndarray] = {
@@ -61,38 +64,15 @@ def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
 
 
 @pytest.mark.pybullet
-def test_lanes_equal_pybullet_in_fifty_cases() -> None:
-    assert largest_gap(fifty_cases(), steps=512) < 1e-9
-
-
-@pytest.mark.pybullet
-@pytest.mark.parametrize(
-    ("substeps", "current", "cases", "steps"),
-    [
-        (1, (0.3, -0.2, 0.1), slice(0, 50), 128),
-        (4, STILL, slice(0, 24), 128),
-        (8, (-1.0, 0.5, 0.25), slice(0, 24), 64),
-    ],
-    ids=["current", "4 substeps", "8 substeps in a current"],
-)
-def test_lanes_equal_pybullet_in_currents_and_substeps(
-    substeps: int, current: tuple[float, float, float], cases: slice, steps: int
-) -> None:
-    bodies, commands, angles = fifty_cases()
-    trials = bodies[cases], commands[cases], angles[cases]
-    assert largest_gap(trials, steps, substeps=substeps, current=current) < 1e-9
-
-
-@pytest.mark.pybullet
 @pytest.mark.parametrize("reactive", [False, True])
-@pytest.mark.parametrize("names", [*NUISANCES, "all"])
-def test_lanes_equal_pybullet_in_what_differs_from_robot_to_robot(
-    names: str, reactive: bool
-) -> None:
-    trials = tuple(part[:24] for part in fifty_cases())
-    chosen = {n: value for n, value in NUISANCES.items() if names in (n, "all")}
-    substeps = 2 if names == "all" else 1
-    assert largest_gap(trials, 96, **chosen, reactive=reactive, substeps=substeps) < 1e-9  # type: ignore[arg-type]
+def test_lanes_equal_pybullet(reactive: bool) -> None:
+    """In fifty cases, and in all that differs from robot to robot, with any substeps."""
+    cases = fifty_cases()
+    assert largest_gap(cases, steps=512, reactive=reactive) < 1e-9
+    for substeps in (1, 4):
+        some: Trial = tuple(part[:24] for part in cases)  # type: ignore[assignment]
+        options = {**NUISANCES, "substeps": substeps, "reactive": reactive}
+        assert largest_gap(some, 96, **options) < 1e-9
 
 
 @pytest.mark.pybullet
@@ -102,24 +82,28 @@ def test_lanes_equal_pybullet_for_twenty_seconds() -> None:
     assert largest_gap(trials, steps=2000) < 1e-9
 
 
-# --- single precision -----------------------------------------------------------------------
+def test_float32_stays_near_float64_at_the_median() -> None:
+    """Rounding of 1e-7 a step may add up over the trial, no more."""
+    bounds = {1.28: 1e-5, 2.56: 2e-5, 5.12: 5e-5, 20.0: 5e-4}
+    rows = quantiles(list(single_precision(robots=250)))
+    medians = {(row["what"], row["seconds"]): row["median"] for row in rows}
+    for what, seconds in itertools.product(WHAT, bounds):
+        assert 0 < medians[what, seconds] < bounds[seconds], (what, seconds)  # type: ignore[operator]
 
 
-@pytest.fixture(scope="module")
-def growth() -> dict[tuple[str, float], dict[str, float]]:
-    """Return the quantiles of float32's error over 250 robots, by what and duration."""
-    parts = list(single_precision(robots=250))
-    return {
-        (str(r["what"]), float(r["seconds"])): {q: float(r[q]) for q in QUANTILES}  # type: ignore[arg-type]
-        for r in quantiles(parts)
-    }
+@pytest.mark.pybullet
+def test_the_engine_auto_is_pybullet_where_it_is() -> None:
+    assert resolve_engine("engine", "auto") == check_engine("auto") == "pybullet"
 
 
-# Rounding of 1e-7 a step may add up over the trial, no more.
-BOUNDS = {1.28: 1e-5, 2.56: 2e-5, 5.12: 5e-5, 20.0: 5e-4}
-
-
-@pytest.mark.parametrize("seconds", BOUNDS)
-@pytest.mark.parametrize("what", WHAT)
-def test_float32_stays_near_float64_at_the_median(growth: dict, what: str, seconds: float) -> None:
-    assert 0 < growth[what, seconds]["median"] < BOUNDS[seconds]
+def test_the_engine_auto_is_the_compiled_one_without_pybullet() -> None:
+    code = (
+        "import sys; sys.modules['pybullet'] = None\n"
+        "import gymnasium as gym, aquafish_gym\n"
+        "from aquafish_gym.engines.api import check_engine, resolve_engine\n"
+        "env = gym.make('AquaFish-v0')\n"
+        "env.reset(seed=1), env.step(env.action_space.sample())\n"
+        "print(check_engine('auto'), resolve_engine('target_engine', 'auto'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "numba numba\n"

@@ -181,13 +181,12 @@ def test_lags_that_no_robot_remembers_commands_for_are_refused(make: Any) -> Non
     swimmers.update(Scenario.create(servo_lag=[0.29]), np.array([0]))
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_robot_without_a_lag_swims_alike_beside_a_late_one(dtype: Any) -> None:
+def test_a_robot_without_a_lag_swims_alike_beside_a_late_one() -> None:
     scenario = Scenario.create(
         TRIALS.morphologies, fin_angles=TRIALS.fin_angles, servo_lag=[0.0, 0.15, 0.0]
     )
-    mixed = LaneBatch(scenario, dtype)
-    prompt = LaneBatch(replace(scenario, servo_lag=np.zeros(ROBOTS)), dtype)
+    mixed = LaneBatch(scenario)
+    prompt = LaneBatch(replace(scenario, servo_lag=np.zeros(ROBOTS)))
     for command in series(0, 6).transpose(1, 0, 2):
         mixed.advance(command, 7)
         prompt.advance(command, 7)
@@ -195,14 +194,13 @@ def test_a_robot_without_a_lag_swims_alike_beside_a_late_one(dtype: Any) -> None
     assert same.tolist() == [True, False, True]
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_lag_that_comes_with_a_restart_leaves_the_others_as_they_were(dtype: Any) -> None:
+def test_a_lag_that_comes_with_a_restart_leaves_the_others_as_they_were() -> None:
     """They remember their commands, though the lanes begin to remember more of them."""
     scenario = Scenario.create(
         TRIALS.morphologies, fin_angles=TRIALS.fin_angles, servo_lag=[0.033, 0.05, 0.0]
     )
-    grown = LaneBatch(scenario, dtype)
-    plain = LaneBatch(scenario, dtype)
+    grown = LaneBatch(scenario)
+    plain = LaneBatch(scenario)
     for turn, command in enumerate(series(0, 8).transpose(1, 0, 2)):
         if turn == 4:
             grown.start(replace(scenario.take(2), servo_lag=np.array([0.4])), np.array([2]))

@@ -82,18 +82,20 @@ def test_no_spectrum_depends_on_the_width(dtype: type[np.floating], width: int) 
 
 
 @dtypes
-def test_spectra_leave_an_attitude_in_the_state(dtype: type[np.floating]) -> None:
+def test_what_needs_no_attitude_leaves_one_in_the_state(dtype: type[np.floating]) -> None:
+    """Spectra, and a log of the gyroscope."""
     t = random_trials(COUNT, 0)
-    batches = [lane_batch(t.morphologies, t.fin_angles, dtype=dtype) for _ in range(2)]
-    for batch in batches:
+    whole, *others = [lane_batch(t.morphologies, t.fin_angles, dtype=dtype) for _ in range(3)]
+    for batch in (whole, *others):
         batch.advance(t.commands, 20)
-    batches[0].log(t.commands, 32, "attitude")
-    batches[1].spectra(t.commands, 32)
-    felt, after = (batch.states for batch in batches)
-    turned = [rotations(states[FIELDS["rpy"]].T) for states in (felt, after)]
-    np.testing.assert_allclose(*turned, atol=1e-5)
-    rest = slice(0, FIELDS["rpy"].start)
-    np.testing.assert_array_equal(after[rest], felt[rest])
+    whole.log(t.commands, 32, "attitude")
+    others[0].spectra(t.commands, 32)
+    others[1].log(t.commands, 32, "gyro")
+    angles = FIELDS["rpy"]
+    for batch in others:
+        turned = [rotations(each.states[angles].T) for each in (whole, batch)]
+        np.testing.assert_allclose(*turned, atol=1e-5)
+        np.testing.assert_array_equal(batch.states[: angles.start], whole.states[: angles.start])
 
 
 def test_a_robot_that_diverges_has_no_finite_spectrum_and_spoils_no_other() -> None:
