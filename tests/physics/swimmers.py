@@ -25,15 +25,12 @@ Vector = tuple[float, float, float]
 STILL: Vector = (0.0, 0.0, 0.0)
 
 
-class CannotError(Exception):
-    """This swimmer cannot do what was asked."""
-
-
 class Swimmer:
     """What the tests ask of whatever swims.
 
     ``rounding`` is what one rounding may do to a number of order one, and ``robots`` how many
-    robots a test should take: fewer where they are slow.
+    robots a test should take: fewer where they are slow. ``cannot`` has what it cannot do, with
+    the reason.
     """
 
     rounding = 2e-16
@@ -55,22 +52,13 @@ class Swimmer:
         wet: bool = True,
     ) -> Array:
         """Return the states (25, B) after some steps; see ``harness.march``."""
-        asked = {"short steps": h != TIMESTEP, "push": push != STILL, "dry": not wet}
-        for need, wanted in asked.items():
-            if wanted and need in self.cannot:
-                raise CannotError(self.cannot[need])
         return self._march(bodies, states, commands, h, steps, current, push, wet)
 
     def drag(self, fins: Array, motion: Array) -> Array:
         """Return the drag on fins (6, B); see ``harness.drag``."""
-        if "drag" in self.cannot:
-            raise CannotError(self.cannot["drag"])
-        return self._drag(fins, motion)
-
-    def _march(self, *_: Any) -> Array:
         raise NotImplementedError
 
-    def _drag(self, *_: Any) -> Array:
+    def _march(self, *_: Any) -> Array:
         raise NotImplementedError
 
 
@@ -86,7 +74,7 @@ class Backend(Swimmer):
             self.backend, bodies, states, commands, h, steps, current, push, wet
         )  # fmt: skip
 
-    def _drag(self, fins, motion):  # type: ignore[no-untyped-def]
+    def drag(self, fins: Array, motion: Array) -> Array:
         return harness.drag(self.backend, fins, motion)
 
 
@@ -103,13 +91,20 @@ class Lanes(Swimmer):
 
     cannot = _COMPILED
 
-    def __init__(self, dtype: type[np.floating], rounding: float) -> None:
-        super().__init__(f"engine numba, {np.dtype(dtype)}")
-        self.dtype, self.rounding = dtype, rounding
+    def __init__(self, dtype: type[np.floating], rounding: float, reactive: bool = False) -> None:
+        super().__init__(f"engine numba, {np.dtype(dtype)}" + ", reactive" * reactive)
+        self.dtype = dtype
+        self.rounding = rounding
+        self.reactive = reactive
+        if reactive:
+            self.cannot = {**_COMPILED, "rigid": "it carries water along"}  # type: ignore[misc]
 
     def _march(self, bodies, states, commands, h, steps, current, *_):  # type: ignore[no-untyped-def]
         substeps = round(TIMESTEP / h)
-        lanes = lane_batch(bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps)
+        lanes = lane_batch(
+            bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps,
+            reactive=self.reactive,
+        )  # fmt: skip
         lanes.states[: len(states)] = states
         samples, rest = divmod(steps, substeps)
         assert rest == 0, "a whole number of samples"
@@ -207,6 +202,7 @@ SWIMMERS: tuple[Swimmer, ...] = (
     Backend("float32", rounding=1e-7),
     Lanes(np.float64, rounding=2e-16),
     Lanes(np.float32, rounding=1e-7),
+    Lanes(np.float64, rounding=1e-14, reactive=True),
     Single(),
     Bullet(),
 )

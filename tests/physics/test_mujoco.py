@@ -55,10 +55,9 @@ def test_joints_follow_their_commands() -> None:
             np.testing.assert_allclose(world.data.qpos[7:], wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("trial", range(3))
-def test_without_water_its_motion_tends_to_ours_with_order_one(trial: int) -> None:
+def test_without_water_its_motion_tends_to_ours_with_order_one() -> None:
     """tests/physics/test_oracles.py compares our limit with an independent one."""
-    seconds, one = 1.0, slice(trial, trial + 1)
+    trial, seconds, one = 0, 1.0, slice(0, 1)
     rows = start_rows(TRIALS.fin_angles[one])
     ours = [
         march("float64", TRIALS.morphologies[one], rows, TRIALS.commands[one], h,
@@ -118,19 +117,6 @@ def test_damage_strikes_in_mid_swim(kind: type[MujocoWorld]) -> None:
     np.testing.assert_allclose(turned, np.multiply(gains, command), atol=1e-9)
     for one, other in zip(before[:4], world.state()[:4], strict=True):
         assert 1e-6 < np.abs(np.subtract(one, other)).max() < 0.3
-
-
-def test_an_environment_breaks_in_mujocos_water() -> None:
-    damage = "left_pectoral:length=0.5@0.4; caudal:weak=0.5@0.4; gyro:noise=0.1@0.4"
-    env = gym.make("AquaFish-v0", engine=BoxWorld, damage=damage)
-    env.reset(seed=0)
-    for faults in (0, 3):
-        observation, *_, info = env.step(env.action_space.sample())
-        assert info["faults"] == faults
-    world = env.unwrapped._robot.world
-    assert world.model.body_mass[2] == pytest.approx(0.5 * world.model.body_mass[3])
-    assert info["servo_gain"].tolist() == [1.0, 1.0, 0.5]
-    assert np.abs(observation[6:] - world.state().spin).max() > 1e-3
 
 
 def test_mujocos_water_has_no_options_of_ours() -> None:

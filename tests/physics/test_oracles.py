@@ -10,10 +10,9 @@ import pytest
 
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
-from aquafish_gym.physics.robot import BODY_MASS
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.utils.validation import EngineUnavailableError
 from instruments.verification import mechanics
-from instruments.verification.momentum import Momentum, inertia_and_swing
+from instruments.verification.momentum import inertia_and_swing
 from instruments.verification.mujoco_model import load_mujoco, mujoco_model
 from instruments.verification.mujoco_robot import DryRobot
 from instruments.verification.rk4 import integrate, quaternion_rate, rotation_matrix
@@ -48,11 +47,6 @@ def test_without_water_the_scheme_tends_to_nothing_but_mujocos_motion(gaps: dict
     assert (gaps[mechanics.EXTRAPOLATED] < finest / 100).all()
 
 
-def test_extrapolation_cancels_two_powers_of_the_step() -> None:
-    paths = [np.array([3.0 + 2 * h - 5 * h**2]) for h in mechanics.STEPS]
-    np.testing.assert_allclose(mechanics.extrapolate(*paths), 3.0, rtol=1e-14)
-
-
 def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
     mujoco = pytest.importorskip("mujoco")
     trials = random_trials(5, seed=2)
@@ -72,23 +66,6 @@ def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
         robot = robot_from_column(robot_parameters(body[None])[:, 0])
         inertia, _ = inertia_and_swing(robot, angles, np.zeros(3))
         np.testing.assert_allclose(rows, inertia, atol=1e-12)
-
-
-def test_the_mujoco_model_is_the_robot() -> None:
-    pytest.importorskip("mujoco")
-    model = mujoco_model(None, 0.002)
-    assert (model.nq, model.nv, model.nu) == (10, 9, 3)
-    assert model.opt.timestep == 0.002
-    assert not model.opt.gravity.any()
-    assert model.opt.density == model.opt.viscosity == 0
-    np.testing.assert_allclose(model.body_mass[1], BODY_MASS)
-    np.testing.assert_allclose(model.body_mass[2:], [0.064, 0.064, 0.336])
-
-
-@pytest.mark.parametrize("timestep", [0.0, -1.0, float("nan"), float("inf"), "0.01"])
-def test_a_timestep_must_be_positive(timestep: object) -> None:
-    with pytest.raises(InvalidArgumentError, match="timestep must be a positive number"):
-        mujoco_model(None, timestep)  # type: ignore[arg-type]
 
 
 def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,11 +96,3 @@ def test_a_turning_quaternion_turns_its_axes_about_the_spin() -> None:
     rate = (rotation_matrix(q + small * dq) - rotation_matrix(q - small * dq)) / (2 * small)
     np.testing.assert_allclose(rate, rotation_matrix(q) @ skew, atol=1e-9)
     np.testing.assert_allclose(rotation_matrix(q) @ rotation_matrix(q).T, np.eye(3), atol=1e-14)
-
-
-def test_a_moving_start_has_the_velocity_it_was_given() -> None:
-    trials = random_trials(1, seed=6)
-    model = Momentum.of(trials.morphologies[0], trials.commands[0], trials.fin_angles[0])
-    velocity, spin = np.array([0.3, -0.1, 0.2]), np.array([1.0, 0.5, -0.2])
-    found = model.velocities(0.0, model.moving(velocity, spin))
-    np.testing.assert_allclose(found, (velocity, spin), atol=1e-14)

@@ -17,7 +17,7 @@ from aquafish_gym import code_generation as robot
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.physics.arithmetic import Number, cosine_sine, floor, fma, square_root, where_less
+from aquafish_gym.physics.arithmetic import Number, floor, fma, square_root, where_less
 from aquafish_gym.physics.layout import (
     STATE_NUMBERS,
     robot_parameters,
@@ -250,13 +250,6 @@ def test_what_is_read_may_be_written() -> None:
         "function swap(a) {\n    const a_0 = a[0];\n    const a_1 = a[1];\n"
         "    a[0] = a_1;\n    a[1] = a_0;\n}\n"
     )
-
-
-def test_cosine_and_sine_of_a_symbol_are_the_lanes_polynomials() -> None:
-    def wave(angle: list[Number], out: list[Number]) -> None:
-        out[0], out[1] = cosine_sine(angle[0])
-
-    assert {"floor", "fma"} < set(trace(wave, angle=1, out=2).operations)
 
 
 def test_a_branch_on_a_symbol_is_refused() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
 from aquafish_gym.physics.robot import CAPSULE_STATIONS, CYLINDER, RADIUS
@@ -13,12 +12,9 @@ from instruments.verification.momentum import Momentum
 from instruments.verification.quadrature import (
     body_by_law,
     body_reference,
-    capsule_wrench,
-    even_strips,
     fin_as_box,
     fin_by_rule,
     fin_reference,
-    fine_strips,
     gauss_rule,
     midpoint_rule,
     motions_met,
@@ -27,8 +23,6 @@ from instruments.verification.quadrature import (
 )
 from instruments.verification.surface import Surface
 from instruments.verification.trials import random_trials
-
-Array = NDArray[np.float64]
 
 SIZES = {
     "any fin": lambda rng: rng.uniform(0, [1, 2, 0.5], (200, 3)).T,
@@ -106,16 +100,6 @@ def test_the_stations_are_those_of_gauss() -> None:
     for degree in (0, 2, 4, 6, 8):  # the odd ones vanish
         found = at_middle * middle**degree + sum(2 * width * y**degree for y, width in fore)
         assert found == pytest.approx(2 * (length * diameter) @ place**degree, rel=1e-7)
-
-
-def test_the_strips_are_the_capsule() -> None:
-    area = 3.0 * 1.0 + np.pi * 0.25
-    np.testing.assert_allclose(fine_strips()[1].sum(), area)
-    np.testing.assert_allclose(even_strips(500)[1].sum(), area, rtol=1e-3)
-    motion = np.array([[0.0], [0.0], [0.0], [1.0], [0.0], [0.0]])
-    wrench = capsule_wrench(motion, *fine_strips())
-    assert wrench[3, 0] < 0, "what pitches is slowed"
-    np.testing.assert_allclose(wrench[[0, 1, 2, 4, 5], 0], 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("robot", range(4))

@@ -1,7 +1,8 @@
-"""The optional reactive terms: conserved quantities and known answers."""
+"""The optional reactive terms: conserved quantities, known answers, and swims with them."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from aquafish_gym import simulate
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import reactive
 from aquafish_gym.physics.added_mass import (
@@ -33,7 +35,7 @@ from aquafish_gym.physics.kinematics import (
     next_joints,
 )
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
-from aquafish_gym.physics.reactive import accelerations_with, added_water
+from aquafish_gym.physics.reactive import accelerations_with, added_water, step_reactive
 from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
@@ -47,8 +49,10 @@ from instruments.verification.lattice import ASPECTS, lattice_share
 from instruments.verification.momentum import inertia_and_swing
 from instruments.verification.propulsion import lighthill_thrust, tail_body
 from instruments.verification.rk4 import rotation_matrix
+from instruments.verification.trials import lane_batch, random_trials
 from instruments.verification.water_momentum import (
     ReactiveMomentum,
+    scheme_errors,
     water_inertia_and_swing,
 )
 
@@ -105,9 +109,6 @@ def totals(robot: Robot, state: State) -> tuple[np.ndarray, float]:
     )
 
 
-# --- conserved quantities -------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("command", [ZERO, (0.5, -0.3, 0.8)], ids=["locked", "moving"])
 def test_robot_and_water_keep_their_impulse_to_first_order(
     command: Vector, monkeypatch: pytest.MonkeyPatch
@@ -153,9 +154,6 @@ def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> Non
                 energies.append(totals(robot, state)[1])
             assert (np.diff(energies) < 0).all()
             assert energies[-1] < 0.9 * energies[0]
-
-
-# --- masses ---------------------------------------------------------------------------------
 
 
 def mobility(robot: Robot, angles: Vector) -> np.ndarray:
@@ -234,9 +232,6 @@ def test_munks_moment_turns_the_body_broadside() -> None:
     assert_allclose(added.force, 0, atol=1e-14)
 
 
-# --- what the tail sheds --------------------------------------------------------------------
-
-
 @given(
     st.floats(0, 1), st.floats(0, 2), ANGLES, st.tuples(SPEEDS, SPEEDS, SPEEDS)
 )  # fmt: skip
@@ -298,9 +293,6 @@ def test_a_held_tail_thrusts_by_shedding_alone(tail: str) -> None:
     assert thrust > 0.5
 
 
-# --- a rectangle's added mass ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("aspect", "known"), [(1, 0.579), (1.25, 0.642), (2, 0.757), (4, 0.872), (5, 0.897)]
 )
@@ -333,3 +325,75 @@ def test_the_share_tends_to_a_strip_and_to_a_short_fin() -> None:
     assert_allclose(finite_span(1e-3, 1.0), 1.0, atol=1e-3)
     assert_allclose(finite_span(1.0, 1e-3), 1e-3, rtol=1e-3)
     assert finite_span(0.0, 0.0) == 0
+
+
+def swim(bodies: np.ndarray, commands: np.ndarray, angles: np.ndarray, **more: object):  # type: ignore[no-untyped-def]
+    options = {"steps": 256, "dtype": "float64", "record": "pose", "reactive": True, **more}
+    return simulate(bodies, commands, angles, **options)  # type: ignore[arg-type]
+
+
+Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def trials() -> Trial:
+    """Random ones, the first two of them with no fins and with the greatest."""
+    drawn = random_trials(24, seed=1)
+    drawn.morphologies[0], drawn.morphologies[1] = 0.0, MAXIMA
+    return drawn.morphologies, drawn.commands, drawn.fin_angles
+
+
+def test_the_terms_are_off_unless_asked_for(trials: Trial) -> None:
+    default = simulate(*trials, steps=64, dtype="float64", record="pose")
+    off = simulate(*trials, steps=64, dtype="float64", record="pose", reactive=False)
+    on = simulate(*trials, steps=64, dtype="float64", record="pose", reactive=True)
+    for name in ("rpy", "gyro", "position", "quaternion", "fin_angles"):
+        assert getattr(default, name).tobytes() == getattr(off, name).tobytes()
+    assert abs(on.position[1:] - off.position[1:]).max() > 0.01
+
+
+def test_lanes_are_plain_python_to_the_last_bit(trials: Trial) -> None:
+    bodies, commands, angles = (part[:6] for part in trials)
+    u = (0.2, -0.1, 0.3)
+    lanes = lane_batch(bodies, angles, u, np.float64, reactive=True)
+    lanes.advance(commands, 12)
+    for body, command, angle, row in zip(bodies, commands, angles, lanes.states.T, strict=True):
+        robot = robot_from_column(robot_parameters(body[None])[:, 0])
+        state = at_rest(tuple(angle.tolist()))
+        by = drive(tuple(command.tolist()), 0.01)
+        for _ in range(12):
+            state = step_reactive(robot, state, by, u, 0.01)
+        assert_array_equal(np.concatenate([np.ravel(part) for part in state]), row[:22])
+
+
+def test_float32_stays_near_float64(trials: Trial) -> None:
+    double = swim(*trials, steps=512)
+    single = swim(*trials, steps=512, dtype="float32")
+    worst = abs(single.rpy - double.rpy).max(axis=(1, 2))
+    assert np.median(worst) < 1e-3
+    assert not single.diverged.any()
+
+
+def test_the_scheme_converges_to_the_momentum_form_with_order_one() -> None:
+    drawn = random_trials(4, seed=2)
+    found = scheme_errors(drawn, samples=8)
+    for what in ("position", "attitude", "gyro"):
+        errors = np.array([np.median(gap[what]) for gap in found])
+        assert_allclose(np.log2(errors[:-1] / errors[1:]), 1.0, atol=0.15)
+    assert np.median(found[0]["position"]) < 0.02
+
+
+def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
+    """All 2^9 of no size and greatest sizes, each servo at a bound, drawn anew every 0.1 s."""
+    bodies = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
+    rng = np.random.default_rng(3)
+    angles = rng.uniform(-math.pi, math.pi, (len(bodies), 3))
+    lanes = lane_batch(bodies, angles, dtype=np.float64, reactive=True)
+    for _ in range(20):
+        high = rng.integers(0, 2, (len(bodies), 3))
+        lanes.advance(np.where(high, [0.5, 0.5, 1.0], [-0.5, -0.5, 0.0]), 10)
+    rows = lanes.states
+    assert rows.shape[1] * 200 > 1e5
+    assert np.isfinite(rows).all()
+    assert abs(rows[7:13]).max() < 30
+    assert abs(rows[4:7]).max() > 0.5

@@ -9,22 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aquafish_gym.physics.kinematics import SWEEP
-from instruments.verification import fish_data, real_fish
+from instruments.verification import fish_data
 from instruments.verification.momentum import Momentum
 from instruments.verification.propulsion import straight_swims
 from instruments.verification.real_fish import BODIES, NAMED, exponent
 from instruments.verification.tail_swims import (
     beat_tails,
     steady_swims,
-    tail_commands,
     turns_per_beat,
 )
 from instruments.verification.water_momentum import ReactiveMomentum
 
 THIN = NAMED["thin tail alone"]
-
-
-# --- exponents ------------------------------------------------------------------------------
 
 
 def test_the_exponent_of_a_power_law_is_exact() -> None:
@@ -52,9 +48,6 @@ def test_a_beat_carries_a_fish_as_far_at_any_frequency(reactive: bool) -> None:
     assert abs(fast.position[:, -1, 1]).max() > 1.0
 
 
-# --- swims ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("amplitude", "bias"), [(30, 0), (20, 0), (15, 10), (15, 15)])
 def test_commands_give_the_tail_its_angle(amplitude: int, bias: int) -> None:
     a, b, f = math.radians(amplitude), math.radians(bias), 0.5
@@ -64,10 +57,6 @@ def test_commands_give_the_tail_its_angle(amplitude: int, bias: int) -> None:
     angle = SWEEP * np.sin(log.fin_angles[0, :, 2])
     assert_allclose(angle, b + a * np.sin(2 * math.pi * f * t), atol=1e-9)
     assert not log.fin_angles[..., :2].any()
-
-
-def test_commands_of_a_full_sweep_are_the_robots_own() -> None:
-    assert (tail_commands(0.5, SWEEP, 0.0, 7) == (0.0, 0.0, 0.5)).all()
 
 
 class _Prescribed:
@@ -126,32 +115,9 @@ def test_a_tail_that_leans_to_the_other_side_turns_the_fish_as_far_the_other_way
     assert_allclose(left, -right, rtol=0.02)
 
 
-# --- published numbers ----------------------------------------------------------------------
-
-
 def test_published_numbers_give_the_exponents_that_are_cited() -> None:
     assert exponent(*zip(*fish_data.FREQUENCY_RUNS, strict=True)).slope == pytest.approx(
         1.5, abs=0.05
     )
     slopes = [exponent(*zip(*fish_data.speeds_at(i), strict=True)).slope for i in range(3)]
     assert slopes == pytest.approx([1.82, 1.72, 1.71], abs=0.01)
-
-
-def test_published_speeds_lie_on_a_straight_line_with_an_offset() -> None:
-    frequency, speed = np.transpose(fish_data.FREQUENCY_RUNS)
-    slope, at_zero = np.polyfit(frequency, speed, 1)
-    assert -at_zero / slope == pytest.approx(0.3, abs=0.05)  # Hz, as docs/real_fish.md has it
-    straight = np.corrcoef(frequency, speed)[0, 1]
-    assert straight > np.corrcoef(np.log(frequency), np.log(speed))[0, 1] > 0.99
-
-
-def test_coarser_steps_hardly_change_an_exponent() -> None:
-    at = [np.radians(a) for a in real_fish.AMPLITUDES]
-    slopes = [
-        [
-            exponent(at, v).slope
-            for v in np.transpose([steady_swims(BODIES[:3], 1.0, False, a, n)[0] for a in at])
-        ]
-        for n in (27, 54)
-    ]
-    assert abs(np.subtract(*slopes)).max() < 0.02

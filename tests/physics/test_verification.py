@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from instruments.verification.__main__ import main
+from instruments.verification.propulsion import TAILS
 from instruments.verification.strokes import flipper_stroke, tail_stroke
 from instruments.verification.tables import TABLES, make_tables
 from tests.pictures import is_drawn
@@ -27,6 +28,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
     return out, printed.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.pybullet
 def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
     out, printed = quick
@@ -38,10 +40,18 @@ def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
     assert mechanics is not None or "MuJoCo is not installed" in printed
     order = [r["order"] for r in report["convergence"]["rows"] if r["order"] is not None]
     assert_allclose(order, 1.0, atol=0.2)
+    swimming = {
+        (row["tail"], row["pectorals"], row["reactive"]): row["speed"]
+        for row in report["reactive"]["swimming"]
+        if row["frequency"] == 1
+    }
+    for tail in TAILS:
+        assert swimming[tail, False, True] > swimming[tail, False, False]
     for name in PICTURES:
         assert is_drawn(out / f"{name}.png")
 
 
+@pytest.mark.slow
 @pytest.mark.pybullet
 def test_speed_goes_as_frequency_exactly_if_beats_have_equally_many_steps(
     quick: tuple[pathlib.Path, str],
@@ -51,6 +61,7 @@ def test_speed_goes_as_frequency_exactly_if_beats_have_equally_many_steps(
         assert_allclose([row["slope"], row["low"], row["high"]], 1.0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.pybullet
 def test_only_the_reactive_terms_have_the_amplitude_exponents_that_were_measured(
     quick: tuple[pathlib.Path, str],
