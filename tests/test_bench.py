@@ -27,21 +27,6 @@ TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
 NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3", "training": "stable_baselines3"}
 
 
-@pytest.mark.pybullet
-def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:
-    words = ["--quick", "--robots", "32", "--steps", "8", "--turns", "1"]
-    assert main([*words, "--only", "physics", "bodies", "--out", str(tmp_path)]) == 0
-    text = (tmp_path / "bench.json").read_text()
-    assert platform.node() not in text
-    rows = json.loads(text)["rows"]
-    compared = [row for row in rows if row["ratio_to"] is not None]
-    assert len(compared) >= 8
-    for row in compared:
-        reference = rows[row["ratio_to"] - 1]
-        assert reference["group"] == row["group"]
-        assert row["ratio"] == pytest.approx(row["rate"] / reference["rate"])
-
-
 MARKS = {
     **dict.fromkeys(("widths", "tasks", "pictures"), pytest.mark.slow),  # they compile, or draw
     **dict.fromkeys(("bodies", "learning"), pytest.mark.pybullet),  # they compare with it
@@ -154,14 +139,21 @@ def test_figures_stand_on_one_page() -> None:
         assert not re.search(r"\d [kM] ?(robot-|env-)?(steps)?/s\b", file.read_text("utf-8")), file
 
 
-def test_a_folder_gets_records_and_table(tmp_path: Path) -> None:
-    words = ["--quick", "--turns", "1", "--only", "bodies", "--out", str(tmp_path)]
-    assert main(words) == 0
-    text = (tmp_path / "table.md").read_text("utf-8")
-    assert "pack a batch" in text
-    assert text.endswith(f"\n{say_defaults(['bodies'])}\n")
-    written = json.loads((tmp_path / "bench.json").read_text())
+@pytest.mark.pybullet
+def test_a_folder_gets_records_with_ratios_of_one_run_and_a_table(tmp_path: Path) -> None:
+    words = ["--quick", "--robots", "32", "--steps", "8", "--turns", "1"]
+    assert main([*words, "--only", "physics", "bodies", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "bench.json").read_text()
+    assert platform.node() not in text
+    written = json.loads(text)
+    compared = [row for row in written["rows"] if row["ratio_to"] is not None]
+    assert len(compared) >= 8
+    for row in compared:
+        reference = written["rows"][row["ratio_to"] - 1]
+        assert reference["group"] == row["group"]
+        assert row["ratio"] == pytest.approx(row["rate"] / reference["rate"])
     assert written["commit"]
-    assert written["defaults"] == work_defaults(["bodies"])
-    (tmp_path / "file").touch()
-    assert main([*words[:-1], str(tmp_path / "file")]) == 2
+    assert written["defaults"] == work_defaults(["physics", "bodies"])
+    table = (tmp_path / "table.md").read_text("utf-8")
+    assert "pack a batch" in table
+    assert table.endswith(f"\n{say_defaults(['physics', 'bodies'])}\n")

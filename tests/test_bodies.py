@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -88,19 +89,37 @@ def test_a_file_of_one_body_is_a_sample_of_one(tmp_path: Path) -> None:
         assert read_bodies(path) == (body,) == (read_morphology(path, "body"),)
 
 
+@pytest.mark.parametrize("read", [read_bodies, read_morphology])
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("{", "is not JSON"),
+        ("[1, 2]", "an object"),
+        ("{}", "a body must be an object with the keys left_pectoral"),
+        ('{"caudal": [0.1, 0.2, 0.3]}', "a body must be an object"),
+        ('{"morphology": null}', "a body must be an object"),
+        ('{"morphology": [1, 2]}', "morphology must"),
+        ('{"morphology": [9, 0, 0, 0, 0, 0, 0, 0, 0]}', "morphology must|must lie in"),
         ('{"morphologies": []}', r"a list of one body or more; got \[\]"),
         ('{"morphologies": null}', "a list of one body or more; got None"),
         ('{"morphologies": [null]}', "a body must be an object"),
         ('{"morphologies": [[0,0,0,0,0,0,0,0,0], [1]]}', "morphology must"),
-        ('{"morphologies": [{"caudal": [0, 0, 0]}]}', "a body must be an object"),
-        ("{}", "a body must be an object with the keys left_pectoral"),
+        ("[" * 10**6, ""),
     ],
 )
-def test_a_file_without_bodies_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_without_bodies_is_named(tmp_path: Path, read: Any, text: str, message: str) -> None:
     path = tmp_path / "fish.json"
     path.write_text(text)
-    with pytest.raises(InvalidArgumentError, match=rf"^body: .*fish\.json.* {message}"):
-        read_bodies(path, "body")
+    with pytest.raises(InvalidArgumentError, match=rf"^body: .*fish\.json.*({message})") as caught:
+        read(path, "body")
+    assert len(str(caught.value)) < 500
+
+
+def test_devices_pipes_and_huge_files_are_refused(tmp_path: Path) -> None:
+    large, pipe = tmp_path / "large.json", tmp_path / "pipe"
+    with large.open("wb") as file:
+        file.truncate(100 * 2**20)  # bytes of nothing, and no block of the disk
+    os.mkfifo(pipe)
+    for path in (Path("/dev/zero"), pipe, tmp_path, large):
+        with pytest.raises(InvalidArgumentError, match="body must"):
+            read_bodies(path, "body")

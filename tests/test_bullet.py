@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,48 +160,3 @@ def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld
         world.advance((0.4, -0.3, 0.6), 100)
         ends.append((world.position, world.orientation, world.velocity, world.world_spin))
     assert ends[0] == ends[1]
-
-
-def test_divergence_is_caught_and_fills_with_nan() -> None:
-    """A current of 1 km/s makes explicit drag explode; such a robot must not hide."""
-    trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)))
-    log = simulate_bullet(scenario_of(trials, (2e4,) * 3), trials.commands, 200)
-    assert log.diverged[0]
-    finite = np.isfinite(log.rpy[0]).all(axis=1)
-    assert not finite[-1]
-    assert not (~finite[:-1] & finite[1:]).any()
-
-
-def resident_kilobytes() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1024
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
-def test_resets_and_worlds_do_not_leak() -> None:
-    def work(times: int) -> None:
-        for _ in range(times):
-            world = BulletWorld()
-            world.start(start(NOMINAL, STILL))
-            world.advance((0.1, 0.2, 0.3), 2)
-            world.close()
-
-    work(50)
-    before = resident_kilobytes()
-    work(400)
-    assert resident_kilobytes() - before < 2000  # saveState would have left 40 MB
-
-
-def test_without_pybullet_the_sentence_says_what_to_do() -> None:
-    code = (
-        "import sys; sys.modules['pybullet'] = None\n"
-        "import aquafish_gym.engines.api as base\n"
-        "try: base.simulate(None, (0, 0, 0), steps=1, engine='pybullet')\n"
-        "except ImportError as error: print(type(error).__name__, error)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
-    )
-    assert done.stdout.startswith("EngineUnavailableError")
-    assert 'pip install "aquafish-gym[pybullet]"' in done.stdout
-    assert 'engine="numba"' in done.stdout

@@ -20,8 +20,7 @@ import pytest
 from rich.console import Console
 from tyro.conf import arg
 
-import aquafish.cli
-from aquafish_gym.runs.command_line import AnyDamage, read_morphology, run_command_line
+from aquafish_gym.runs.command_line import AnyDamage, run_command_line
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 
@@ -203,6 +202,17 @@ def test_a_table_of_commands_runs_the_one_named(capsys: pytest.CaptureFixture[st
     )
 
 
+def run_with(
+    monkeypatch: pytest.MonkeyPatch, execute: Callable[[Any], object], seconds: float = 30.0
+) -> int:
+    """Run a command that does something of the test's own, and check that it does not hang."""
+    monkeypatch.setattr(Swim, "execute", execute)
+    begun = time.monotonic()
+    code = run()
+    assert time.monotonic() - begun < seconds
+    return code
+
+
 @pytest.mark.parametrize(
     ("error", "said", "code"),
     [
@@ -216,49 +226,23 @@ def test_a_table_of_commands_runs_the_one_named(capsys: pytest.CaptureFixture[st
         (KeyboardInterrupt("interrupted; half is left"), "interrupted; half is left", 130),
     ],
 )
-def test_failures_are_one_line(
-    error: BaseException, said: str, code: int, capsys: pytest.CaptureFixture[str]
+def test_failures_are_one_line_and_a_bug_is_not_hidden(
+    error: BaseException,
+    said: str,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    @dataclass(frozen=True)
-    class Failing:
-        """Fail."""
+    def fail(_: object) -> None:
+        raise error
 
-        def execute(self) -> None:
-            raise error
-
-    assert run_command_line("fish", Failing, ()) == code
+    assert run_with(monkeypatch, fail) == code
     assert capsys.readouterr().err == f"fish: {said}\n"
-
-
-def test_a_bug_is_not_hidden() -> None:
-    @dataclass(frozen=True)
-    class Failing:
-        """Fail."""
-
-        def execute(self) -> None:
-            raise ZeroDivisionError("a bug")
-
     with pytest.raises(ZeroDivisionError):
-        run_command_line("fish", Failing, ())
+        run_with(monkeypatch, lambda _: 1 // 0)
 
 
-def test_termination_is_an_interruption(capsys: pytest.CaptureFixture[str]) -> None:
-    @dataclass(frozen=True)
-    class Long:
-        """Take long."""
-
-        def execute(self) -> None:
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(60)
-
-    before = signal.getsignal(signal.SIGTERM)
-    assert run_command_line("fish", Long, ()) == 130
-    assert capsys.readouterr().err == "fish: interrupted\n"
-    assert signal.getsignal(signal.SIGTERM) == before
-
-
-@pytest.mark.parametrize("buffering", ["", "1"])
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize(("stream", "buffering"), [("stdout", ""), ("stderr", "1")])
 def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
@@ -354,22 +338,7 @@ def test_the_command_line_runs_in_a_thread(capsys: pytest.CaptureFixture[str]) -
     assert capsys.readouterr() == ("swam with none\n", "")
 
 
-def test_a_library_that_swallows_an_interruption_does_not_hide_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    @dataclass(frozen=True)
-    class Loading:
-        """Load a library."""
-
-        def execute(self) -> None:
-            try:
-                os.kill(os.getpid(), signal.SIGTERM)
-                time.sleep(60)
-            except KeyboardInterrupt:
-                raise ImportError("cannot load") from None
-
-    assert run_command_line("fish", Loading, ()) == 130
-    assert capsys.readouterr().err == "fish: interrupted\n"
+# A termination that comes while a command runs, and where Python raises nothing.
 
 
 def terminate(*_: object) -> None:
@@ -387,11 +356,6 @@ class LostFin(Fin):
     __del__ = terminate
 
 
-def lose_a_fin_and_sleep(_: object) -> None:
-    LostFin()
-    time.sleep(60)
-
-
 def lose_a_watched_fin() -> None:
     fin = Fin()
     watch = weakref.ref(fin, terminate)
@@ -399,49 +363,51 @@ def lose_a_watched_fin() -> None:
     assert watch() is None
 
 
-DROPPING: dict[str, Callable[[], object]] = {
-    "destructor": LostFin,
-    "weak reference": lose_a_watched_fin,
-    "C callback": ctypes.CFUNCTYPE(None)(terminate),
+def lose_a_fin_and_sleep(_: object) -> None:
+    LostFin()
+    time.sleep(60)
+
+
+def sleep_and_load(_: object) -> None:
+    """Be terminated in a library that swallows what comes."""
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+    except KeyboardInterrupt:
+        raise ImportError("cannot load") from None
+
+
+#: Python prints what a callback raises, and goes on: imports and LLVM make callbacks.
+TERMINATED: dict[str, Callable[[Any], object]] = {
+    "in a sleep": lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(60)),
+    "in a library": sleep_and_load,
+    "in a destructor": lambda _: LostFin(),
+    "in a destructor, before a sleep": lose_a_fin_and_sleep,
+    "in a weak reference": lambda _: lose_a_watched_fin(),
+    "in a C callback": lambda _: ctypes.CFUNCTYPE(None)(terminate)(),
 }
 
 
-@pytest.mark.parametrize("sleep", [0.0, 60.0], ids=["at the end", "in a sleep"])
-@pytest.mark.parametrize("place", DROPPING)
-def test_no_termination_is_lost_in_a_callback(
-    place: str, sleep: float, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("usual", [signal.default_int_handler, signal.SIG_IGN])
+@pytest.mark.parametrize("where", TERMINATED)
+def test_no_termination_is_lost(
+    where: str,
+    usual: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Python prints what a callback raises, and goes on: imports and LLVM make callbacks."""
-
-    @dataclass(frozen=True)
-    class Dropping:
-        """Be terminated in a callback."""
-
-        def execute(self) -> None:
-            DROPPING[place]()
-            time.sleep(sleep)
-
-    usual = sys.unraisablehook
-    begun = time.monotonic()
-    assert run_command_line("fish", Dropping, ()) == 130
-    assert time.monotonic() - begun < 30
-    assert capsys.readouterr() == ("", "fish: interrupted\n")
-    assert sys.unraisablehook is usual
-
-
-def test_no_termination_is_lost_where_ctrl_c_is_ignored(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As in a background job of a shell script."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    monkeypatch.setattr(Swim, "execute", lose_a_fin_and_sleep)
-    begun = time.monotonic()
+    """Also where Ctrl-C is ignored, as in a background job of a shell script."""
+    hook = sys.unraisablehook
+    others = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGINT, usual)
     try:
-        assert run() == 130
+        assert run_with(monkeypatch, TERMINATED[where]) == 130
+        assert signal.getsignal(signal.SIGINT) is usual
+        assert signal.getsignal(signal.SIGTERM) == others[signal.SIGTERM]
     finally:
-        signal.signal(signal.SIGINT, before)
-    assert time.monotonic() - begun < 30
+        signal.signal(signal.SIGINT, others[signal.SIGINT])
     assert capsys.readouterr() == ("", "fish: interrupted\n")
+    assert sys.unraisablehook is hook
 
 
 def test_a_signal_just_before_a_sleep_ends_it(
@@ -455,18 +421,13 @@ def test_a_signal_just_before_a_sleep_ends_it(
         send(threading.get_ident() if len(sent) == 1 else thread, number)
 
     monkeypatch.setattr(signal, "pthread_kill", miss_once)
-    monkeypatch.setattr(Swim, "execute", lose_a_fin_and_sleep)
-    before = signal.getsignal(signal.SIGINT)
-    begun = time.monotonic()
-    assert run() == 130
-    assert time.monotonic() - begun < 30
+    assert run_with(monkeypatch, lose_a_fin_and_sleep) == 130
     assert len(sent) == 2
-    assert signal.getsignal(signal.SIGINT) is before
     assert capsys.readouterr() == ("", "fish: interrupted\n")
 
 
 def test_a_handler_that_is_set_meanwhile_is_kept_and_is_sent_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     came: list[int] = []
 
@@ -477,22 +438,16 @@ def test_a_handler_that_is_set_meanwhile_is_kept_and_is_sent_nothing(
         time.sleep(0.2)
 
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    monkeypatch.setattr(Swim, "execute", execute)
-    assert run() == 130
+    assert run_with(monkeypatch, execute) == 130
     assert came == []
     assert {number: signal.getsignal(number) for number in before} == before
-    assert capsys.readouterr() == ("", "fish: interrupted\n")
 
 
-def test_other_errors_of_a_callback_are_printed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_errors_of_a_callback_are_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     printed: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", lambda found: printed.append(found.exc_type))
-    monkeypatch.setattr(Swim, "execute", lambda _: ctypes.CFUNCTYPE(None)(lambda: 1 / 0)())
-    assert run() == 0
+    assert run_with(monkeypatch, lambda _: ctypes.CFUNCTYPE(None)(lambda: 1 / 0)()) == 0
     assert printed == [ZeroDivisionError]
-    assert capsys.readouterr() == ("", "")
 
 
 def test_a_word_that_is_not_utf_8_is_printed_with_escapes() -> None:
@@ -501,53 +456,3 @@ def test_a_word_that_is_not_utf_8_is_printed_with_escapes() -> None:
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert "\\udcff.json: No such file" in done.stderr
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "{",
-        "[1, 2]",
-        "{}",
-        '{"caudal": [0.1, 0.2, 0.3]}',
-        '{"morphology": null}',
-        '{"morphology": [1, 2]}',
-        '{"morphology": [9, 0, 0, 0, 0, 0, 0, 0, 0]}',
-        "[" * 10**6,
-    ],
-)
-def test_a_file_without_a_morphology_is_named(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "fish.json"
-    path.write_text(text)
-    with pytest.raises(InvalidArgumentError, match=r"body: .*fish\.json") as caught:
-        read_morphology(path, "body")
-    assert len(str(caught.value)) < 500
-
-
-def test_devices_pipes_and_huge_files_are_refused(tmp_path: Path) -> None:
-    large, pipe = tmp_path / "large.json", tmp_path / "pipe"
-    with large.open("wb") as file:
-        file.truncate(100 * 2**20)  # bytes of nothing, and no block of the disk
-    os.mkfifo(pipe)
-    for path in (Path("/dev/zero"), pipe, tmp_path, large):
-        with pytest.raises(InvalidArgumentError, match="body must"):
-            read_morphology(path, "body")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--hlep", "unknown option --hlep; did you mean --help?"),
-        ("page --out x", "unknown option --out; must be --html or --help"),
-        ("study --xyzzy 3", "unknown option --xyzzy: see --help"),
-        (
-            "infer --log examples/logs/swim.csv --between 3",
-            "between must be two times, s, the second later; got 3",
-        ),
-    ],
-)
-def test_a_mistyped_command_says_what_is_right(
-    words: str, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert aquafish.cli.main(words.split()) == 2
-    assert capsys.readouterr().err == f"aquafish: {said}\n"

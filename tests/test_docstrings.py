@@ -48,7 +48,13 @@ NAMES = [
 ]
 
 
-@pytest.mark.parametrize("name", NAMES)
+#: Nightly: their examples take seconds.
+LONG = ("aquafish.online.agent", "eea.fish.log_checks")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in LONG else ()) for n in NAMES]
+)
 def test_examples_run(name: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import FilmedSwim, film
 from aquafish_gym.rendering.films import film_frames, fitting_view
 from aquafish_gym.runs.progress import show_share
-from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, UnknownNameError
 
 NOMINAL = Morphology.nominal()
 SIZE = (160, 96)
@@ -116,41 +113,3 @@ def test_a_film_tells_how_far_it_is(tmp_path: Path, capsys: pytest.CaptureFixtur
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
     assert lines[-1] == "100/100  film: 26 of 26 frames"
-
-
-def test_an_mp4_needs_no_folder_for_temporary_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("imageio_ffmpeg")
-
-    def none() -> str:
-        raise FileNotFoundError("No usable temporary directory found")
-
-    monkeypatch.setattr("tempfile.gettempdir", none)
-    film([straight(1.0)], tmp_path / "new" / "a.mp4", *SIZE, fps=10)
-    assert [path.name for path in tmp_path.iterdir()] == ["new"]
-
-
-def test_an_mp4_without_its_extra_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtraError, match=r'pip install "aquafish-gym\[film\]"'):
-        film([straight(4.0)], tmp_path / "a.mp4", *SIZE)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "sentence"),
-    [
-        ({"swims": []}, InvalidArgumentError, "at least one"),
-        ({"path": "a.avi"}, UnknownNameError, "suffix"),
-        ({"width": 3}, InvalidArgumentError, "width"),
-        ({"fps": 0.0}, InvalidArgumentError, "fps"),
-        ({"speed": -1.0}, InvalidArgumentError, "speed"),
-    ],
-)
-def test_bad_films_are_refused(
-    tmp_path: Path, change: dict[str, Any], error: type[Exception], sentence: str
-) -> None:
-    given = {"swims": [straight(1.0)], "path": "a.webp", **change}
-    with pytest.raises(error, match=sentence):
-        film(given.pop("swims"), tmp_path / given.pop("path"), **given)

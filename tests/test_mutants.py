@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.__main__ import main
 from instruments.mutants import targets
 from instruments.mutants.operators import edits_of, is_mutant
@@ -60,33 +59,23 @@ def mutated(source: str) -> list[str]:
         ("if a:\n    raise E(f'{1 + 1}', 2)", ["if (not (a)):\n    raise E(f'{1 + 1}', 2)",
                                                "if a:\n    pass"]),
         ("é = 'ü' + b", ["é = 'ü' - b"]),
+        # Types, decorators, docstrings and messages stay.
+        ('"""A docstring of 1 + 1."""', []),
+        ("a: Literal[1]", []),
+        ("@cache(1)\ndef f(a: int) -> int:\n    return a", []),
+        ("class A(B[1]):\n    pass", []),
+        ("a = f'{b + 1}'", []),
+        ("a = zip(b, c, strict=True)", []),
     ],
 )  # fmt: skip
 def test_every_place_has_its_mutants(source: str, expected: list[str]) -> None:
     assert [text.replace("a =  b", "a = b") for text in mutated(source)] == expected
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        '"""A docstring of 1 + 1."""',
-        "a: Literal[1]",
-        "@cache(1)\ndef f(a: int) -> int:\n    return a",
-        "class A(B[1]):\n    pass",
-        "a = f'{b + 1}'",
-        "from typing import TYPE_CHECKING",
-        "a = zip(b, c, strict=True)",
-        "import a",
-    ],
-)
-def test_types_decorators_and_messages_stay(source: str) -> None:
-    assert mutated(source) == []
-
-
 def test_every_mutant_of_the_project_can_be_read() -> None:
-    mutants = draw_mutants(ROOT, list(GROUPS), 60, 0)
+    mutants = draw_mutants(ROOT, list(GROUPS), 20, 0)
     assert [mutant.group for mutant in mutants[:4]] == [*GROUPS, "physics"]
-    assert len(set(mutants)) == 60
+    assert len(set(mutants)) == 20
     for mutant in mutants:
         source = (ROOT / mutant.path).read_text(encoding="utf-8")
         assert mutant.edit is not None
@@ -101,13 +90,12 @@ def test_a_larger_count_has_the_mutants_of_a_smaller_one() -> None:
     assert draw_mutants(ROOT, ["damage"], 5, 4) != few
 
 
-@pytest.mark.parametrize("group", GROUPS)
-def test_the_tests_of_a_group_are_there(group: str) -> None:
-    assert [
-        test for test in GROUPS[group].tests if not (ROOT / test.partition("::")[0]).exists()
-    ] == []
-    left_out = [ROOT / GROUPS[group].folder / name for name in GROUPS[group].left_out]
-    assert all(file.is_file() for file in left_out)
+def test_the_tests_of_the_groups_are_there() -> None:
+    for group in GROUPS.values():
+        for test in group.tests:
+            assert (ROOT / test.partition("::")[0]).exists(), test
+        for name in group.left_out:
+            assert (ROOT / group.folder / name).is_file(), name
 
 
 @pytest.fixture
@@ -165,27 +153,3 @@ def test_a_project_whose_tests_fail_is_refused(
     (clone / "tests" / "test_clipping.py").write_text("def test_no():\n    assert False\n")
     assert run(clone, "--count", "1") == 1
     assert "the tests fail without a mutant" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@jobs_in_process()
-def test_endless_mutants_are_ended(clone: Path) -> None:
-    (clone / "library" / "clipping.py").write_text(
-        "def clip(x, limit):\n    while x > limit:\n        x = limit\n    return x\n"
-    )
-    assert run(clone, "--count", "1", "--cpu-seconds", "3") == 0
-    report = (clone.parent / "out" / "report.md").read_text()
-    assert "| library | 1 | 0 | 1 | 0 | 100% |" in report
-
-
-@jobs_in_process()
-def test_other_sources_need_another_folder(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(clone, "--count", "1") == 0
-    (clone / "library" / "clipping.py").write_text(LIBRARY.replace("2.0", "3.0"))
-    assert run(clone, "--count", "1") == 2
-    assert "sources" in capsys.readouterr().err
-
-
-def test_a_folder_that_is_no_clone_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArgumentError, match="must hold aquafish_gym/damage"):
-        draw_mutants(tmp_path, ["damage"], 1, 0)

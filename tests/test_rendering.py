@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import shutil
 import subprocess
@@ -19,7 +18,6 @@ from PIL import Image
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import Camera, render_pose
-from aquafish_gym.utils.validation import InvalidArgumentError
 
 NOMINAL = Morphology.nominal()
 HERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -105,6 +103,7 @@ def test_a_robot_far_away_is_drawn_like_one_at_the_origin() -> None:
     assert np.abs(picture(pose=far) - picture()).max() <= 2
 
 
+@pytest.mark.slow
 def test_a_picture_has_the_same_bytes_on_every_cpu(tmp_path: Path) -> None:
     """Compiled for this machine's CPU and for any of its architecture."""
     code = (
@@ -121,20 +120,6 @@ def test_a_picture_has_the_same_bytes_on_every_cpu(tmp_path: Path) -> None:
     pose = ((0.1, 0.2, 0.3), (0.5, 0.5, -0.1, 0.7))
     here = render_pose(NOMINAL, pose, (1.0, 2.0, 3.0)).tobytes()
     assert hashlib.sha256(generic).hexdigest() == hashlib.sha256(here).hexdigest()
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"pose": ((0, 0, math.nan), (0, 0, 0, 1))}, "pose position must be finite"),
-        ({"pose": ((0, 0, 0), (0, 0, 0, 2))}, "length 1"),
-        ({"pose": 3}, "position and a quaternion"),
-        ({"width": 0}, "width must be"),
-    ],
-)
-def test_bad_pictures_are_refused(change: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=sentence):
-        render_pose(**{"morphology": NOMINAL, "pose": HERE, "fin_angles": BACK, **change})
 
 
 @pytest.mark.parametrize("display", [":99", "nowhere.invalid:0", ""])

@@ -1,4 +1,4 @@
-"""The table of what is broken: its rows, growth, and robots that begin anew at any time."""
+"""The table of what is broken: its rows, growth, what a record observes, and robots that begin."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym.damage import TIERS, Damage, Fault, edit_each
+from aquafish_gym.damage.sensors import sensor_columns
+from aquafish_gym.damage.side import Side
 from aquafish_gym.damage.words import PARTS, can_grow
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER, SlotPlayer
 
 HOLD = 20
@@ -69,7 +71,7 @@ def now(damage: Damage, step: int) -> dict[str, np.ndarray]:
     return Damage(tuple(active)).edit(Scenario.create(), HOLD).columns()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(damages=st.lists(damages(), min_size=6, max_size=6), seed=st.integers(0, 99))
 def test_robots_are_what_their_faults_make_of_them_in_each_step(
     damages: list[Damage], seed: int
@@ -151,3 +153,43 @@ def test_an_episode_in_mid_swim_goes_on_where_it_is() -> None:
         assert found.next_change == played.next_change
         for name, column in columns.items():
             np.testing.assert_allclose(column, expected[name], 1e-12, 1e-12)
+
+
+ONLY = np.zeros(1, np.intp)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "gyro:noise=0.1; gyro_x:bias=0.3",
+        "gyro_z:stuck; up_x:dropped@0.1",
+        "gyro_y:stuck@0.05+0.1; gyro_x:scale=1.5; gyro:noise=0.02@0.2",
+        "gyro_x:delay=0.03; gyro_y:hold=0.05@0.1; north_z:delay=0.02; gyro_y:stuck@0.2",
+    ],
+)
+def test_a_record_is_what_is_observed_step_by_step(damage: str) -> None:
+    scenario = Damage.parse(damage).edit(Scenario.create())
+    truth = np.random.default_rng(1).normal(size=(30, len(CHANNELS)))
+    alone, recorded = (Side(1, len(CHANNELS), TIMESTEP) for _ in range(2))
+    for sensors in (alone, recorded):
+        sensors.remember(scenario.sensor_delay)
+        sensors.update(ONLY, sensor_columns(scenario.beginning.columns()))
+    one, other = np.random.default_rng(2), np.random.default_rng(2)
+    expected, found = [], []
+    for begin, end, _, to in scenario.segments(len(truth)):
+        for sensors in (alone, recorded) if to else ():
+            sensors.update(ONLY, sensor_columns(to.columns()))
+        rows = np.split(truth[begin:end], end - begin)
+        expected += [alone.observe(row, -np.inf, np.inf, [one], ONLY) for row in rows]
+        found.append(recorded.record(truth[begin:end], other))
+    np.testing.assert_array_equal(np.concatenate(found), np.concatenate(expected))
+
+
+def test_segments_cover_all_steps_once_and_changes_begin_them() -> None:
+    scenario = Damage.parse("caudal:missing@0.1+0.2; gyro_x:dropped@0.5").edit(Scenario.create())
+    assert [(s.begin, s.end, s.to is None) for s in scenario.segments(40)] == [
+        (0, 10, True),
+        (10, 30, False),
+        (30, 40, False),
+    ]
+    assert [(s.begin, s.end) for s in Scenario.create().segments(7)] == [(0, 7)]

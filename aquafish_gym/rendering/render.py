@@ -6,7 +6,7 @@ world. Fin angles are left and right pectoral angle and caudal *phase*, rad.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rendering.camera import Camera, Frame
 from aquafish_gym.rendering.scene import floor_below, place_robots
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    one_of,
+    sequence,
+)
 
 
 def render_pose(
@@ -24,7 +32,7 @@ def render_pose(
     width: int = 640,
     height: int = 480,
     camera: Camera | None = None,
-    broken: Collection[str] = (),
+    broken: Sequence[str] = (),
 ) -> Frame:
     """Return a picture of the robot, (height, width, 3) uint8; fins of no area are not drawn.
 
@@ -33,10 +41,14 @@ def render_pose(
     """
     from aquafish_gym.rendering import caster
 
+    body = instance("morphology", morphology, Morphology)
+    view = Camera() if camera is None else instance("camera", camera, Camera)
+    for fin in sequence("broken", broken):
+        one_of("broken", fin, FINS)
     integer("width", width, 16, 4096)
     integer("height", height, 16, 4096)
     if not isinstance(pose, tuple | list) or len(pose) != 2:
-        raise InvalidArgumentError(f"pose must be a position and a quaternion; got {pose!r}")
+        raise InvalidArgumentError(f"pose must be a position and a quaternion; got {brief(pose)}")
     position = finite_array("pose position", pose[0], (3,), -1e6, 1e6)
     quaternion = finite_array("pose quaternion", pose[1], (4,))
     length = float(np.linalg.norm(quaternion))
@@ -44,9 +56,8 @@ def render_pose(
         raise InvalidArgumentError(f"pose quaternion must have length 1; got {length:g}")
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     robots = place_robots(
-        *([morphology.to_array()], [[fin in broken for fin in FINS]]),
+        *([body.to_array()], [[fin in broken for fin in FINS]]),
         *([position], [quaternion / length], [angles]),
     )
-    view = (camera or Camera()).look(position)
     floor = floor_below(position[None])
-    return caster.draw(view, floor, robots, width, height)[0]
+    return caster.draw(view.look(position), floor, robots, width, height)[0]

@@ -83,7 +83,6 @@ GROUPS = {
             "tests/envs/test_schedule.py",
             "tests/envs/test_env.py",
             "tests/envs/test_vector.py",
-            "tests/test_recorded_sensors.py",
             "tests/test_rollout.py",
             "tests/envs/test_checker.py",
             "tests/robustness/test_arguments.py",

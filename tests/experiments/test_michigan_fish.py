@@ -116,11 +116,6 @@ def test_speeds_of_straight_runs_are_means_about_equal_times(tmp_path: Path) -> 
         straight_speeds(tmp_path / "Amp15Bias0")
 
 
-def test_another_folder_is_refused_with_the_one_that_is_wanted(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArgumentError, match="folder trainingData"):
-        read(tmp_path)
-
-
 def test_folds_never_split_a_command(tmp_path: Path) -> None:
     for command in COMMANDS:
         write_run(tmp_path, command, 1)
@@ -199,6 +194,7 @@ def test_the_planar_law_is_the_engines() -> None:
     assert abs(turned) > 0.05
 
 
+@pytest.mark.slow
 def test_a_synthetic_fish_is_found_again_and_predicted_at_other_commands(tmp_path: Path) -> None:
     for command in COMMANDS:
         write_run(tmp_path, command)

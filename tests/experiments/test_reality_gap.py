@@ -75,6 +75,7 @@ def test_a_share_needs_an_oracle_that_swims() -> None:
     assert "| none | 6 | 0.625 [0.607, 0.643] |" in text
 
 
+@pytest.mark.slow
 @jobs_in_process()
 def test_a_small_suite_is_reported_and_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -23,7 +23,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league import draws
 from experiments.league.command import SCHEMA, League
 from experiments.league.draws import OUTSIDE, beginning_current
-from experiments.league.entrants import ENTRANTS, USUAL, _rma
+from experiments.league.entrants import ENTRANTS, USUAL
 from experiments.league.episodes import (
     SEEDS,
     TIERS,
@@ -33,7 +33,6 @@ from experiments.league.episodes import (
     episode_numbers,
     play,
 )
-from experiments.league.policy import ANY_WATER
 from experiments.league.statistics import (
     HORIZON,
     after_onset,
@@ -64,9 +63,13 @@ def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
 
 @jobs_in_process()
 def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    League(
+    command = League(
         out=tmp_path, entrants=("still", "PPO, fins"), tiers=("severe",), episodes=1, workers=1
-    ).execute()
+    )
+    command.execute()
+    assert command.cpu_left() == (0, 0.0)
+    with pytest.raises(InvalidArgumentError, match="seeds"):  # a folder holds one set
+        replace(command, seeds="development").execute()
     league = read_document(tmp_path / "league.json", SCHEMA)
     assert set(league) == {"still", "PPO, fins"}
     still, ppo = (league[name]["severe"]["way_after_onset"][0] for name in league)
@@ -88,40 +91,6 @@ def test_the_script_and_its_workers_run_from_any_folder(tmp_path: Path) -> None:
     assert rows[2].startswith("| still |")
 
 
-def test_an_episode_breaks_at_the_same_time_for_all() -> None:
-    one, other = (play(Episode(name, "mild", 3, 0.0)) for name in ("still", "PPO, fins"))
-    assert one["onsets"] == other["onsets"]
-    assert one["onsets"][0] > 70
-    assert len(one["way"]) == 301
-
-
-def test_the_league_tells_the_gain_of_the_self_model_over_each_entrant() -> None:
-    ways = {"self-model": [result([1.0]), result([0.9])], "blind": [result([0.5]), result([0.8])]}
-    hero = ways["self-model"]
-    league = {
-        name: {
-            "mild": summary(
-                ways[name], 1, {other: ways[other] for other in ways if other != name}, hero
-            )
-        }
-        for name in ways
-    }
-    command = League(entrants=tuple(ways), tiers=("mild",))
-    rows = command._gains(league)
-    gain = np.mean(
-        [after_onset(h) - after_onset(b) for h, b in zip(hero, ways["blind"], strict=True)]
-    )
-    assert rows[0] == ["entrant", "self-model's gain, mild", "successes, mild"]
-    assert rows[1] == ["self-model", "-", "2 of 2"]
-    assert rows[2][1].startswith(f"{gain:.2f} [")
-    assert rows[2][2] == "1 of 2"
-    rows = command._over_blind(league)
-    assert rows[0] == ["entrant", "gain over blind, mild", "worse, mild"]
-    assert rows[1][1].startswith(f"{gain:.2f} [")
-    assert rows[1][2] == "0 of 2"
-    assert rows[2] == ["blind", "-", "-"]
-
-
 def test_a_paired_gain_is_the_mean_of_differences_with_its_interval() -> None:
     mine = [result([pace]) for pace in (1.0, 0.5, 0.8, 0.3)]
     other = [result([pace]) for pace in (0.5, 0.6, 0.8, 0.2)]
@@ -131,38 +100,44 @@ def test_a_paired_gain_is_the_mean_of_differences_with_its_interval() -> None:
     assert mean == pytest.approx(np.mean(gains))
     assert (found["mean"], found["worse"], found["episodes"]) == (interval(gains, 1, 0.0), 1, 4)
     assert low < mean < high
+    ways = {"self-model": mine, "blind": other}
+    league = {
+        name: {"mild": summary(way, 1, {n: w for n, w in ways.items() if n != name}, mine)}
+        for name, way in ways.items()
+    }
+    command = League(entrants=tuple(ways), tiers=("mild",))
+    _, hero, blind = command._gains(league)
+    assert hero == ["self-model", "-", "4 of 4"]
+    assert blind[1].startswith(f"{mean:.2f} [")
+    _, hero, blind = command._over_blind(league)
+    assert hero[1].startswith(f"{mean:.2f} [")
+    assert hero[2] == "1 of 4"
+    assert blind == ["blind", "-", "-"]
 
 
-def test_blind_refines_the_whole_robots_gait_and_never_looks_for_damage() -> None:
+def test_what_agents_of_the_league_do_when_a_fin_is_lost() -> None:
+    """Blind refines the whole robot's gait, and never looks for damage; the oracle is told."""
     env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@15", engine="numba")
-    events: dict[str, list[str]] = {}
+    events: dict[str, list[Any]] = {}
     swum: dict[str, list[Any]] = {}
-    for name in ("blind", "self-model"):
+    for name in ("blind", "self-model", "oracle"):
         observation, info = env.reset(seed=1)
         agent: Any = ENTRANTS[name].make(generations=10, refinements=1)
         agent.begin(info["fin_angles"])
         swum[name] = []
-        for _ in range(90):
+        for step in range(90):
+            if name == "oracle" and step == 75:
+                agent.learn(info)
             swum[name].append(agent.act(observation))
-            observation, *_ = env.step(swum[name][-1])
-        events[name] = [event.what for event in agent.events]
-    assert events["blind"] == ["chose", "refined"]
-    assert events["self-model"][:4] == ["chose", "refined", "alarm", "inferred"]
+            observation, *_, info = env.step(swum[name][-1])
+        events[name] = [(event.what, event.seconds) for event in agent.events]
+    said = {name: [what for what, _ in found] for name, found in events.items()}
+    assert said["blind"] == ["chose", "refined"]
+    assert said["self-model"][:4] == ["chose", "refined", "alarm", "inferred"]
     np.testing.assert_array_equal(swum["blind"][:75], swum["self-model"][:75])
-
-
-def test_a_gyroscope_alone_observes_nothing_else() -> None:
-    damage = Episode("still", "held-out", 3, sensing="gyroscope").damage
-    assert "north_z:dropped; right_pectoral:length=0.27@18.0" in damage
-    assert damage.count("dropped") == 6
-
-
-def test_held_out_damages_begin_after_the_gait() -> None:
-    damages = held_out("league")
-    assert len(set(damages)) == len(damages) == 26
-    assert Episode("still", "held-out", 28, noise=0.0).damage == damages[2]
-    for text in damages:
-        assert min(fault.span[0] for fault in Damage.parse(text)) >= 15.0
+    refined = [seconds for what, seconds in events["oracle"] if what == "refined"]
+    assert len(refined) == 2
+    assert refined[0] < 15.0 <= refined[1]
 
 
 @pytest.mark.parametrize("tier", TIERS)
@@ -180,14 +155,6 @@ def test_no_change_of_random_damage_changes_an_episode(
     assert [damage_of(tier, number, task) for number in numbers for task in tasks] == before
     severe = damage_of("severe", 60_000)
     assert severe == "random:severe@15-30"
-
-
-def test_a_number_without_a_damage_is_refused_before_anything_plays(tmp_path: Path) -> None:
-    league = League(out=tmp_path, tiers=("none", "severe"), seeds="held-out", first=190)
-    with pytest.raises(InvalidArgumentError, match="120000 to 120199; got 120200"):
-        league.execute()
-    assert list(tmp_path.iterdir()) == []
-    assert len(replace(league, tiers=("none", "held-out"), entrants=("still",)).jobs()) == 200
 
 
 def test_recovery_is_when_the_pace_stays_above() -> None:
@@ -226,20 +193,35 @@ def test_sets_of_seeds_do_not_meet() -> None:
     numbers = [number for seeds in SEEDS.values() for number in seeds]
     assert len(set(numbers)) == len(numbers)
     assert episode_numbers("development", 2, 3) == [60_002, 60_003, 60_004]
-    with pytest.raises(InvalidArgumentError, match="episodes must be at most 1 from the 999-th"):
-        League(first=999, episodes=2).jobs()
 
 
-@jobs_in_process()
-def test_a_folder_holds_one_set_of_seeds(tmp_path: Path) -> None:
-    league = League(
-        out=tmp_path, entrants=("still",), tiers=("mild",), episodes=1, seeds="development"
-    )
-    league.execute()
-    assert (tmp_path / "runs" / "still" / "mild" / "60000.json").exists()
-    assert league.cpu_left() == (0, 0.0)
-    with pytest.raises(InvalidArgumentError, match="seeds"):
-        replace(league, seeds="published").execute()
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"first": 999, "episodes": 2}, "episodes must be at most 1 from the 999-th"),
+        ({"seeds": "held-out", "first": 190}, "120000 to 120199; got 120200"),
+        ({"task": "return", "water": "current"}, "water must not be current"),
+        ({"task": "return", "seconds": 600.0}, "seconds must"),
+        ({"scheduler": "tcp://host:1", "workers": 2}, "workers has no effect with a scheduler"),
+    ],
+)
+def test_what_no_league_can_play_is_refused_before_anything_plays(
+    options: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        League(out=tmp_path, tiers=("none", "severe"), **options).execute()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_held_out_damages_begin_after_the_gait() -> None:
+    damages = held_out("league")
+    assert len(set(damages)) == len(damages) == 26
+    assert Episode("still", "held-out", 28, noise=0.0).damage == damages[2]
+    for text in damages:
+        assert min(fault.span[0] for fault in Damage.parse(text)) >= 15.0
+    gyroscope = Episode("still", "held-out", 3, sensing="gyroscope").damage
+    assert "north_z:dropped; right_pectoral:length=0.27@18.0" in gyroscope
+    assert gyroscope.count("dropped") == 6
 
 
 @jobs_in_process()
@@ -332,13 +314,6 @@ def test_a_share_of_anothers_pace_has_the_interval_of_the_pairs() -> None:
     assert high > 1.1
 
 
-def test_the_return_has_a_current_and_a_time_of_its_own() -> None:
-    with pytest.raises(InvalidArgumentError, match="water must not be current"):
-        League(task="return", water="current").jobs()
-    with pytest.raises(InvalidArgumentError, match="seconds must"):
-        League(task="return", seconds=600.0).jobs()
-
-
 def test_every_usual_entrant_plays_every_water_in_the_same_episodes() -> None:
     leagues = WholeLeague(out=Path("out")).leagues()
     played: dict[str, set[Any]] = {}
@@ -357,30 +332,16 @@ def test_every_usual_entrant_plays_every_water_in_the_same_episodes() -> None:
 
 
 @jobs_in_process()
-def test_the_whole_league_says_what_is_left_and_plays_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = WholeLeague(
-        tmp_path, tables=("none", "vortices"), entrants=("still",), seeds="development", episodes=1
-    )
-    command.execute()
-    assert "2 tables: 5 of 5 episodes to play: about 0 CPU minutes" in capsys.readouterr().err
-    assert (tmp_path / "none" / "table.md").exists()
-    assert (tmp_path / "vortices" / "runs" / "still" / "severe" / "60000.json").exists()
-    command.execute()
-    assert "2 tables: 0 of 5 episodes to play" in capsys.readouterr().err
-    assert not (tmp_path / "waters-none.md").exists()  # without blind
-
-
-@jobs_in_process()
-def test_the_whole_league_compares_the_waters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_whole_league_says_what_is_left_and_compares_the_waters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(ENTRANTS, "blind", replace(ENTRANTS["still"]))
     entrants = ("still", "blind", "PPO, fins")
-    WholeLeague(
-        tmp_path, ("home", "none", "vortices"), entrants, "development", first=7, episodes=1
-    ).execute()
+    tables = ("home", "none", "vortices")
+    command = WholeLeague(tmp_path, tables, entrants, "development", first=7, episodes=1)
+    for left in (24, 0):
+        command.execute()
+        assert f"3 tables: {left} of 24 episodes to play" in capsys.readouterr().err
     assert (tmp_path / "home" / "runs" / "blind" / "severe" / "60007.json").exists()
     for tier in ("severe", "none"):
         head, _, still, blind, ppo = (tmp_path / f"waters-{tier}.md").read_text().splitlines()
@@ -461,51 +422,6 @@ def test_skin_friction_and_density_are_all_that_dense_water_differs_in() -> None
         world.advance((0.0, 0.0, 0.0), 300)
     slow, fast = sorted(world.state().position[1] for world in glide)
     assert glide[1].state().position[1] == slow < fast
-
-
-def test_an_entrant_may_have_several_seeds_of_training() -> None:
-    """Episode i is played by the (i mod N)-th."""
-    twins = (0, ANY_WATER)
-    entry = _rma(*twins)
-    known, other, again = (entry.make(seed=number)._student.weights for number in range(3))  # type: ignore[attr-defined]
-    assert (known["mix_w"] == again["mix_w"]).all()
-    assert (known["mix_w"] != other["mix_w"]).any()
-    alone = [_rma(twin).offline.seconds for twin in twins]
-    assert entry.offline.seconds == pytest.approx(sum(alone) / len(alone), abs=0.2)
-
-
-def test_the_oracle_refines_when_calibrated_and_after_the_damage() -> None:
-    env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@15", engine="numba")
-    observation, info = env.reset(seed=1)
-    agent: Any = ENTRANTS["oracle"].make(generations=10, refinements=1)
-    agent.begin(info["fin_angles"])
-    for step in range(80):
-        if step == 75:
-            agent.learn(info)
-        observation, *_, info = env.step(agent.act(observation))
-    refined = [event.seconds for event in agent.events if event.what == "refined"]
-    assert len(refined) == 2
-    assert refined[0] < 15.0 <= refined[1]
-
-
-def test_a_dask_cluster_plays_the_same_episodes(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    league = League(
-        out=tmp_path / "here", entrants=("still", "PPO, fins"), tiers=("mild",), episodes=1,
-        seeds="development",
-    )  # fmt: skip
-    with jobs_in_process():
-        league.execute()
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
-    ) as cluster:
-        address = cluster.scheduler_address
-        replace(league, out=tmp_path / "there", scheduler=address).execute()
-    for job in league.jobs():
-        one, other = ((tmp_path / place / job.file).read_bytes() for place in ("here", "there"))
-        assert one == other
-    with pytest.raises(InvalidArgumentError, match="workers has no effect with a scheduler"):
-        replace(league, scheduler=address, workers=2).jobs()
 
 
 def test_the_bootstrap_draws_within_each_damage() -> None:

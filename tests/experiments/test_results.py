@@ -131,24 +131,11 @@ def interrupt_after(file: Path) -> None:
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
-def test_an_interrupted_result_resumes_to_the_same_bytes(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.slow
+def test_an_interrupted_result_resumes_to_the_same_bytes(clone: Path) -> None:
     MakeResults(out=clone / "whole").execute()
     copy = clone / "docs" / "results" / "tiny.md"
     made = copy.read_bytes()
-    record = read_records()["tiny"]
-    assert record.commands == list(TINY.commands)
-    assert record.commit == "0123abcd"
-    assert record.golden == golden_digest(GOLDEN.read_text(), TINY.golden)
-    assert record.cpu_minutes is not None
-    assert record.cpu_minutes > 0.0
-    MakeResults(out=clone / "whole").execute()
-    assert capsys.readouterr().out.endswith("nothing to do\n")
-    copy.write_bytes(made + b"\n")
-    MakeResults(out=clone / "whole", plan=True).execute()
-    assert "tiny: other files" in capsys.readouterr().out
-
     results.RECORDS.write_text("{}")
     copy.unlink()
     runs = clone / "again" / "tiny" / "run" / "runs" / "none" / "fourier"
@@ -165,49 +152,73 @@ def test_an_interrupted_result_resumes_to_the_same_bytes(
     assert (runs / "000.json").stat().st_mtime_ns == before
 
 
-def trivial(monkeypatch: pytest.MonkeyPatch, clone: Path) -> None:
+@pytest.fixture
+def trivial(clone: Path, monkeypatch: pytest.MonkeyPatch) -> Result:
     """Let the only result be a file that a program writes in a moment."""
     one = replace(TINY, commands=("python write.py",), files={"docs/one.md": "one.md"})
     monkeypatch.setattr(results, "RESULTS", {"tiny": one})
     (clone / "write.py").write_text(
         "import sys, pathlib\npathlib.Path(sys.argv[-1], 'one.md').write_text('one')\n"
     )
+    return one
 
 
-def test_a_result_of_changed_sources_or_of_the_smallest_size_is_not_committed(
-    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_result_is_made_once_and_its_record_says_how(
+    clone: Path, trivial: Result, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trivial(monkeypatch, clone)
-    MakeResults(out=clone / "out", smallest=True).execute()
-    monkeypatch.setattr(results, "present_commit", lambda: "")
-    MakeResults(out=clone / "out").execute()
-    assert "uncommitted changes" in capsys.readouterr().out
-    assert (clone / "out" / "tiny" / "run" / "one.md").exists()
+    for _ in range(2):
+        MakeResults(out=clone / "out").execute()
+    assert capsys.readouterr().out.endswith("nothing to do\n")
+    assert (clone / "docs" / "one.md").read_text() == "one"
+    record = read_records()["tiny"]
+    assert record.commands == list(trivial.commands)
+    assert record.commit == "0123abcd"
+    assert record.golden == golden_digest(GOLDEN.read_text(), TINY.golden)
+    assert record.cpu_minutes is not None
+    (clone / "docs" / "one.md").write_text("changed by hand")
+    MakeResults(out=clone / "out", plan=True).execute()
+    assert "tiny: other files" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("commits", "smallest", "said"),
+    [
+        ([], True, ""),
+        ([""], False, "uncommitted changes"),
+        (["0123abcd", "4567abcd"], False, "changed in the meantime"),
+    ],
+    ids=["smallest", "changed sources", "sources that change as it is made"],
+)
+@pytest.mark.usefixtures("trivial")
+def test_a_result_that_cannot_be_repeated_is_not_committed(
+    commits: list[str],
+    smallest: bool,
+    said: str,
+    clone: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    left = [*commits]
+    last = (commits or ["0123abcd"])[-1]
+    monkeypatch.setattr(results, "present_commit", lambda: left.pop(0) if left else last)
+    MakeResults(out=clone / "out", smallest=smallest).execute()
+    assert said in capsys.readouterr().out
+    assert smallest or (clone / "out" / "tiny" / "run" / "one.md").exists()
     assert not (clone / "docs" / "one.md").exists()
     assert read_records() == {}
-
-
-def test_a_result_whose_sources_change_as_it_is_made_is_not_committed(
-    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    trivial(monkeypatch, clone)
-    commits = iter(["0123abcd", "4567abcd", "4567abcd", "4567abcd"])
-    monkeypatch.setattr(results, "present_commit", lambda: next(commits))
-    MakeResults(out=clone / "out").execute()
-    assert "changed in the meantime" in capsys.readouterr().out
-    assert not (clone / "docs" / "one.md").exists()
-    assert read_records() == {}
-    MakeResults(out=clone / "out").execute()
-    assert read_records()["tiny"].commit == "4567abcd"
+    if last == "4567abcd":
+        MakeResults(out=clone / "out").execute()
+        assert read_records()["tiny"].commit == last
 
 
 def test_an_input_of_others_is_made_first_and_must_be_committed(
-    clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    clone: Path,
+    trivial: Result,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    trivial(monkeypatch, clone)
-    one = results.RESULTS["tiny"]
-    input_of_others = replace(one, files={"experiments/one.md": "one.md"})
-    monkeypatch.setattr(results, "RESULTS", {"tiny": one, "weights": input_of_others})
+    input_of_others = replace(trivial, files={"experiments/one.md": "one.md"})
+    monkeypatch.setattr(results, "RESULTS", {"tiny": trivial, "weights": input_of_others})
     changed = clone / "experiments" / "one.md"
     changed.parent.mkdir()
     committed = []
@@ -222,6 +233,7 @@ def test_an_input_of_others_is_made_first_and_must_be_committed(
     assert sorted(read_records()) == ["tiny", "weights"]
 
 
+@pytest.mark.usefixtures("trivial")
 def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
     clone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,7 +242,6 @@ def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
     monkeypatch.setattr(results, "GOLDEN", golden)
     spent = iter([0.0, 600.0, 600.0, 660.0])
     monkeypatch.setattr(results, "_children_seconds", lambda: next(spent))
-    trivial(monkeypatch, clone)
     MakeResults(out=clone / "out").execute()
     assert read_records()["tiny"].cpu_minutes == 10.0
     golden.write_text('{"evolve cma": "two"}')
@@ -238,9 +249,9 @@ def test_the_cpu_time_of_a_result_has_none_of_an_older_one(
     assert read_records()["tiny"].cpu_minutes == 1.0
 
 
+@pytest.mark.usefixtures("trivial")
 def test_two_runs_at_once_do_not_meet(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second reads nothing that the first is about to write."""
-    trivial(monkeypatch, clone)
     monkeypatch.setattr(results, "read_records", lambda: pytest.fail("it has read the records"))
     out = clone / "out"
     out.mkdir()

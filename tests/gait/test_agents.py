@@ -1,4 +1,4 @@
-"""``swim`` and ``evaluate`` take controllers, functions, agents and models alike."""
+"""Agents: a controller's own, and what ``swim`` and ``evaluate`` take as one."""
 
 from __future__ import annotations
 
@@ -18,14 +18,19 @@ from gymnasium.spaces import Box
 from aquafish.online import SelfModelAgent
 from aquafish.viewer.live import LiveSwim, gait_pilot, pilot_of
 from aquafish_gym import Damage, Morphology
+from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, damaged_at_random, evaluate, scores, swim
 from gait.controllers.agents import ControllerAgent, held_steps, takes_time
-from gait.controllers.inputs import reckoned
-from gait.controllers.network import Senses
+from gait.controllers.controller import program_of
+from gait.controllers.inputs import NetworkInputs, reckoned
+from gait.controllers.network import Senses, forward, respond
 from gait.film import Film
 from gait.search.templates import Template
+from gait.swims.evaluation import FIRST_SEED, interquartile_mean
 from gait.swims.transfer import TransferConfig, swims_on, transfer
 
 ACTION = (0.2, -0.4, 1.0)
@@ -38,6 +43,13 @@ def steady(observation: Any, time: float) -> Any:  # noqa: ARG001
 class Acting:
     def act(self, observations: Any) -> Any:
         return np.tile(ACTION, (len(observations), 1))
+
+
+class Starting(Acting):
+    started = 0
+
+    def reset(self, info: Any) -> None:
+        self.started = len(info["fin_angles"])
 
 
 class Predicting:
@@ -74,7 +86,7 @@ class WithPolicy:
 
 
 KINDS: dict[str, Any] = {
-    "function of observations": lambda observations: np.tile(ACTION, (len(observations), 1)),
+    "function of observations": Acting().act,
     "function of observation and time": steady,
     "object with policy()": WithPolicy(),
     "agent": Acting(),
@@ -93,39 +105,6 @@ def test_every_kind_swims_and_is_evaluated_alike(kind: str) -> None:
     config = TransferConfig(poses=1, seconds=1, target_engine="numba", native_engine="numba")
     there = transfer(KINDS[kind], None, config, Morphology.nominal()).target
     assert there.distance == swim(steady, None, engine="numba", seconds=1.0).distance
-
-
-def test_the_time_and_the_interval_are_those_of_the_steps() -> None:
-    times: list[float] = []
-
-    def policy(_: Any, time: float) -> Any:
-        times.append(time)
-        return ACTION
-
-    evaluate(policy, episodes=2, max_episode_steps=3)
-    np.testing.assert_allclose(times, [0.0, 0.0, 0.2, 0.2, 0.4, 0.4])
-    times.clear()
-    swim(policy, None, engine="numba", seconds=0.2, interval=10)
-    np.testing.assert_allclose(times, [0.0, 0.1])
-    times.clear()
-    swim(policy, None, engine="numba", seconds=0.1)
-    np.testing.assert_allclose(times, [0.0, 0.05])
-    assert len(swim(Acting(), None, engine="numba", seconds=1.0).time) == 6
-    assert len(swim(Acting(), None, engine="numba", seconds=1.0, interval=50).time) == 3
-
-
-def test_a_controllers_agent_swims_as_the_controller() -> None:
-    body, rng = Morphology.nominal(), np.random.default_rng(0)
-    weights = np.hstack([rng.normal(size=(3, 11)), np.zeros((3, 3))])
-    controller = Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0, interval=20)
-    one = swim(controller, None, engine="numba", seconds=4.0).distance
-    two = swim(ControllerAgent(controller), None, engine="numba", seconds=4.0).distance
-    assert one == pytest.approx(two, abs=1e-4)
-    for agent in (controller, ControllerAgent(controller)):
-        with pytest.raises(InvalidArgumentError, match="frame_skip must be 20"):
-            evaluate(agent, episodes=1, frame_skip=10)
-        with pytest.raises(InvalidArgumentError, match="interval must be 20"):
-            swim(agent, None, engine="numba", interval=10)
 
 
 def test_a_model_observes_its_fins_and_its_normal_observations() -> None:
@@ -164,9 +143,8 @@ def test_a_model_observes_its_fins_and_its_normal_observations() -> None:
     ):
         with pytest.raises(InvalidArgumentError, match=re.escape("a model of (15,): choose the")):
             door()
-    for wrong in (True, "true", None):
-        with pytest.raises(InvalidArgumentError, match='observe_fins must be False or "reckoned"'):
-            swim(model, None, **reckons | {"observe_fins": wrong})
+    with pytest.raises(InvalidArgumentError, match='observe_fins must be False or "reckoned"'):
+        swim(model, None, **reckons | {"observe_fins": True})
     with pytest.raises(InvalidArgumentError, match="observe_fins must be False for a Controller"):
         swim(blind(), None, **reckons)
 
@@ -228,7 +206,9 @@ def test_beliefs_are_taken_by_those_that_use_them() -> None:
 
 def test_as_many_episodes_as_a_batch_has_robots() -> None:
     envs = gym.make_vec("AquaFish-v0", 2, max_episode_steps=3)
-    assert evaluate(Acting(), envs, episodes=2).returns.shape == (2,)
+    acting = Starting()
+    assert evaluate(acting, envs, episodes=2).returns.shape == (2,)
+    assert acting.started == 2
     with pytest.raises(InvalidArgumentError, match="episodes must be the 2 robots of env"):
         evaluate(Acting(), envs, episodes=100)
     with pytest.raises(InvalidArgumentError, match="env must be of type VectorEnv"):
@@ -281,14 +261,10 @@ def test_an_action_is_held_for_the_controllers_interval_everywhere(interval: int
     if 2000 % interval:
         with pytest.raises(InvalidArgumentError, match="frame_skip must divide"):
             evaluate(controller, episodes=1, frame_skip=interval)
-    else:
-        actions = 400 // interval  # for longer its float32 observations count
-        options: Any = {"frame_skip": interval, "fin_angles": "zero", "dtype": "float64"}
-        (far,) = scores([controller], None, seconds=0.01 * interval * actions, dtype="float64")[0]
-        played = evaluate(controller, episodes=1, max_episode_steps=actions, **options)
-        assert played.y_position[-1, 0] == pytest.approx(far, abs=1e-3)
     with pytest.raises(InvalidArgumentError, match=f"frame_skip must be {interval}, the"):
         evaluate(controller, episodes=1, frame_skip=40)
+    with pytest.raises(InvalidArgumentError, match=f"interval must be {interval}"):
+        swim(agent, None, engine="numba", interval=40)
 
 
 WORLDS_OF_SWIMS = [
@@ -449,6 +425,9 @@ def test_a_function_that_can_take_the_time_is_given_it_everywhere(kind: str) -> 
     evaluate(steer, episodes=1, max_episode_steps=3)
     np.testing.assert_allclose(timed.times, [0.0, 0.2, 0.4])
     timed.times.clear()
+    swim(steer, None, engine="numba", seconds=0.1)
+    np.testing.assert_allclose(timed.times, [0.0, 0.05])
+    timed.times.clear()
     LiveSwim(pilot_of(steer)).advance(3)
     np.testing.assert_allclose(timed.times, [0.0, 0.05, 0.1])
     assert held_steps(steer) == 5
@@ -488,3 +467,118 @@ def test_a_function_of_other_arguments_is_refused(wrong: Any) -> None:
     for door in (lambda: swim(wrong, None, engine="numba"), lambda: evaluate(wrong, episodes=1)):
         with pytest.raises(InvalidArgumentError, match="called with observations alone, or with"):
             door()
+
+
+# A controller's agent: the network on plain floats, and copies of it.
+
+ANGLES = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 4.0]])
+GAIN = (1.0, 0.5, -1.0)
+
+
+def recurrent(seed: int = 3, goal: bool = False) -> Controller:
+    """Return a random network with a memory that senses its fins."""
+    template = Template.of_class("recurrent", Senses(fins=True, goal=goal), 5, 20)
+    vector = 0.5 * np.random.default_rng(seed).standard_normal(template.size)
+    return template.controller(vector, 0.7, Morphology.nominal(), seed)
+
+
+def drawn(steps: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, 2, 12))
+
+
+def test_the_agent_is_the_network_on_plain_floats_to_the_last_bit() -> None:
+    controllers = [recurrent(seed, goal=True) for seed in (3, 4)]
+    together = ProgramAgent(program_of(controllers), ANGLES, GAIN)
+    alone = []
+    for controller, angles in zip(controllers, ANGLES, strict=True):
+        genes, layout = controller.genes().tolist(), controller.layout().tolist()
+        alone.append((genes, layout, [0.0] * 100, (angles / TAU).tolist()))
+    for k, observations in enumerate(drawn(30)):
+        actions = together.act(observations, 0.2 * k)
+        for i, (genes, layout, memory, fins) in enumerate(alone):
+            o = observations[i].tolist()
+            action = respond(
+                genes, layout, memory, 0, 1, 0.2 * k, o[:3], o[3:6], o[6:9], fins, o[9:]
+            )
+            assert actions[i].tolist() == list(action)
+            speeds = [g * s for g, s in zip(GAIN, lane_servo_speeds(action), strict=True)]
+            fins[:] = reckon(fins, speeds, 0.2)
+    np.testing.assert_allclose(together.fin_angles, [TAU * np.array(one[3]) for one in alone])
+
+
+def test_a_copy_goes_on_by_itself() -> None:
+    agent = ControllerAgent(recurrent(), GAIN)
+    agent.reset({"fin_angles": ANGLES})
+    seen = drawn(12)[:, :, :9]
+    for observations in seen[:4]:
+        agent.act(observations)
+    ahead = agent.copy()
+    imagined = [ahead.act(observations) for observations in seen[4:]]
+    np.testing.assert_array_equal([agent.act(observations) for observations in seen[4:]], imagined)
+    np.testing.assert_array_equal(agent.fin_angles, ahead.fin_angles)
+    ahead.fin_angles = ANGLES
+    assert (agent.fin_angles != ANGLES).any()
+    assert (agent.act(seen[0]) != ahead.act(seen[0])).any()
+
+
+def test_one_robot_needs_no_batch() -> None:
+    controller = recurrent()
+    batch, alone = ControllerAgent(controller), ControllerAgent(controller)
+    batch.reset({"fin_angles": ANGLES})
+    alone.reset({"fin_angles": ANGLES[1]})
+    for observations in drawn(5):
+        np.testing.assert_array_equal(batch.act(observations)[1], alone.act(observations[1]))
+    with pytest.raises(InvalidArgumentError, match=r"observations must have shape \(2, 9 or more"):
+        batch.act(np.zeros(9))
+
+
+def test_the_inputs_of_learners_are_those_of_the_agent() -> None:
+    controller = recurrent()
+    agent = ControllerAgent(controller)
+    agent.reset({"fin_angles": ANGLES})
+    inputs = NetworkInputs(controller.senses, controller.clock, 20, np.zeros((2, 3)))
+    inputs.begin([0, 1], ANGLES)
+    genes, layout = controller.genes().tolist(), controller.layout().tolist()
+    count = len(controller.senses.names)
+    values = [[0.0] * (count + 2 * controller.nodes) for _ in ANGLES]
+    for observations in drawn(10)[:, :, :9]:
+        actions = agent.act(observations)
+        for row, seen, action in zip(values, inputs.observe(observations), actions, strict=True):
+            row[:count] = seen.tolist()
+            assert forward(genes, layout, row, 0, 1, 0.0) == pytest.approx(action, abs=1e-6)
+        inputs.follow(actions)
+        np.testing.assert_allclose(inputs.fin_angles, agent.fin_angles, atol=1e-5)
+
+
+# Scores.
+
+
+def test_returns_are_those_of_single_environments() -> None:
+    action = np.array(ACTION, np.float32)
+    options: Any = {"damage": "random:severe", "dtype": "float64"}
+    found = evaluate(lambda seen: np.tile(action, (len(seen), 1)), episodes=2, **options)
+    for i in range(2):
+        env = gym.make("AquaFish-v0", engine="numba", damage="random:severe", fin_angles="random")
+        env.reset(seed=FIRST_SEED + i)
+        rewards, over, info = [], False, {}
+        while not over:
+            _, reward, terminated, truncated, info = env.step(action)
+            rewards.append(reward)
+            over = terminated or truncated
+        assert found.returns[i] == pytest.approx(sum(rewards), abs=1e-9)
+        assert found.y_position[-1, i] == pytest.approx(info["y_position"], abs=1e-9)
+
+
+def test_the_distance_after_the_onset_is_counted_from_there() -> None:
+    found = evaluate(Acting(), "AquaFishRecovery-v0", episodes=3)
+    assert (found.onset > 0).all()
+    way = [found.y_position[-1, i] - found.y_position[s, i] for i, s in enumerate(found.onset)]
+    np.testing.assert_allclose(found.way_since(found.onset), way)
+
+
+def test_the_interval_of_the_interquartile_mean_covers_it() -> None:
+    runs = np.random.default_rng(1).normal(3.0, 1.0, (5, 100))
+    middle, low, high = interquartile_mean(runs)
+    assert low < middle < high
+    assert middle == pytest.approx(3.0, abs=0.2)
+    assert interquartile_mean([[5.0] * 4]) == (5.0, 5.0, 5.0)

@@ -110,9 +110,8 @@ def test_last_stage_may_be_prolonged(config: EvolveConfig, last: str, tmp_path: 
 def test_several_runs_of_neat_cannot_be_prolonged(tmp_path: Path) -> None:
     several = replace(CONFIG, restarts=2)
     evolve_with(WeightScorer(), None, several, out=tmp_path)
-    longer = replace(several, generations=CONFIG.generations + 5)  # type: ignore[operator]
     with pytest.raises(InvalidArgumentError, match="generations"):
-        evolve_with(WeightScorer(), None, longer, out=tmp_path)
+        evolve_with(WeightScorer(), None, replace(several, generations=11), out=tmp_path)
 
 
 def test_random_swims_change_and_final_swims_do_not() -> None:
@@ -159,8 +158,7 @@ def test_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
             found[::3, 0], found[1::3, 0] = np.nan, np.inf
             return found
 
-    config = EvolveConfig(paper=True, generations=3, population=20)
-    result = evolve_with(Diverging(), None, config)
+    result = evolve_with(Diverging(), None, EvolveConfig(paper=True, generations=3, population=20))
     assert np.isfinite([row.mean for row in result.history]).all()
     assert result.fitness > DIVERGED_SPEED * SECONDS / 2
 
@@ -207,50 +205,8 @@ def test_random_damages_are_a_sample_that_grows() -> None:
     assert damaged_at_random(body, 3, 6) != few
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"config": 0}, "config must be of type EvolveConfig; got 0"),
-        ({"world": 5}, "world must be of type WorldConfig; got 5"),
-        ({"morphologies": np.zeros(8)}, "morphologies must have shape"),
-        ({"morphologies": np.zeros((0, 9))}, "must be 1 to 1000 bodies; got 0"),
-        (
-            {"morphologies": BODIES, "config": replace(CONFIG, poses=0)},
-            "poses must be at least 1 for a sample of 20",
-        ),
-    ],
-)
-def test_bad_argument_is_refused_before_anything_swims(
-    arguments: dict[str, Any], message: str
-) -> None:
+def test_a_sample_needs_poses_before_anything_swims() -> None:
     scorer = WeightScorer()
-    with pytest.raises(InvalidArgumentError, match=message):
-        evolve_with(scorer, **{"config": CONFIG, **arguments})
+    with pytest.raises(InvalidArgumentError, match="poses must be at least 1 for a sample of 20"):
+        evolve_with(scorer, BODIES, replace(CONFIG, poses=0))
     assert scorer.calls == 0
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [
-        {"population": 9},
-        {"seconds": 0.0},
-        {"senses": ("imu", "sonar")},
-        {"controller": "mlp", "search": "neat"},
-        {"random_candidates": 3},
-        {"cma_generations": 3},
-        {"random_candidates": 10, "search": "neat"},
-        {"seconds": 5.0, "task": "station"},
-        {"paper": True, "search": "cma"},
-        {"controller": "recurrent", "search": "neat"},
-        {"hidden": 6, "search": "neat"},
-        {"hidden": 6, "controller": "linear"},
-        {"cma_generations": 0},
-        {"random_candidates": 10, "paper": True},
-        {"harmonics": 1, "senses": ("imu",)},
-        {"clock": 0.7, "senses": ("imu", "fins")},
-    ],
-    ids=str,
-)
-def test_bad_setting_is_refused_by_name(setting: dict[str, Any]) -> None:
-    with pytest.raises(InvalidArgumentError, match=f"^{next(iter(setting))} (must|has an effect)"):
-        EvolveConfig(**setting)

@@ -1,4 +1,4 @@
-"""Exported C files compile without a warning and reproduce float32 lanes to the bit."""
+"""Exported C files compile without a warning and are the lanes to the bit: controllers, models."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 from aquafish_gym.morphology import Morphology
@@ -19,12 +21,15 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
 from gait.controllers import export
 from gait.controllers.controller import SCHEMA, Controller, program_of
+from gait.controllers.export_model import export_model, model_texts
 from gait.controllers.network import Senses
 from gait.learning.train import dense_network
 from gait.search.templates import Template
 from gait_fakes import make_controller
 
 BODY = Morphology.nominal()
+BROKEN = Morphology.coerce({"left_pectoral": (0.4, 0.0, 0.1), "caudal": (0.1, 1.0, 0.3)})
+BODIES = [BROKEN, BODY]
 STRICT = (
     "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-pedantic", "-std=c99"
 )  # fmt: skip
@@ -129,15 +134,23 @@ def test_a_reading_that_cannot_be_is_not_observed(kind: str, tmp_path: Path) -> 
     assert build(source, "-O2").stdout == "500 steps, 0 numbers differ, by at most 0\n"
 
 
-@needs_cc
-def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
-    source, _, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+def make_wrong(table: Path, kind: type[np.floating[Any]], column: int) -> None:
+    """Change a number of the 500th test vector to the next one."""
     lines = table.read_text(encoding="utf-8").splitlines()
     numbers = lines[500].split(",")
-    numbers[-2] = str(np.nextafter(np.float32(numbers[-2]), np.float32(2)))
+    numbers[column] = repr(float(np.nextafter(kind(numbers[column]), kind(1000))))
     lines[500] = ",".join(numbers)
     table.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    ran = build(source)
+
+
+@needs_cc
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_the_self_test_sees_a_wrong_number(kind: Any, tmp_path: Path) -> None:
+    """Of a controller, and of a model, which has double precision."""
+    path = tmp_path / "fish.c"
+    files = export.export_c(KINDS["neat"], path) if kind is np.float32 else export_model(BODY, path)
+    make_wrong(files[2], kind, -2)
+    ran = build(files[0])
     assert ran.returncode == 1
     assert ran.stdout.startswith("1000 steps, 1 numbers differ, by at most ")
 
@@ -160,11 +173,20 @@ def test_the_self_test_refuses_what_is_no_test_vector(tmp_path: Path) -> None:
         )  # fmt: skip
 
 
-def test_exported_files_are_replaced_and_no_others(tmp_path: Path) -> None:
-    files = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+def test_exported_files_are_replaced_and_no_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, source = tmp_path / "controller.json", tmp_path / "new" / "fish.c"
+    KINDS["neat"].save(file)
+    files = [source.with_suffix(f".{end}") for end in ("c", "h", "csv")]
+    assert main(["export", str(file), "--c", str(source)]) == 0
     before = [file.read_bytes() for file in files]
+    said = [f"wrote {p} ({len(b)} bytes)" for p, b in zip(files, before, strict=True)]
+    assert capsys.readouterr().out.splitlines() == said
+    assert b"$" not in before[0]
+    assert b"NAME" not in before[0]
     files[0].unlink()
-    export.export_c(KINDS["neat"], files[0])
+    assert main(["export", str(file), "--c", str(source)]) == 0
     assert [file.read_bytes() for file in files] == before
     for file, content in zip(files, before, strict=True):
         file.write_text("mine", encoding="utf-8")
@@ -172,15 +194,6 @@ def test_exported_files_are_replaced_and_no_others(tmp_path: Path) -> None:
             export.export_c(KINDS["linear"], files[0])
         assert file.read_text(encoding="utf-8") == "mine"
         file.write_bytes(content)
-
-
-@needs_cc
-def test_the_program_on_the_page_compiles(tmp_path: Path) -> None:
-    page = Path(__file__).parents[2] / "docs" / "howto" / "export.md"
-    code = page.read_text(encoding="utf-8").split("```c\n")[1].split("```")[0]
-    export.export_c(searched("recurrent", Senses(fins=True)), tmp_path / "fish.c")
-    (tmp_path / "main.c").write_text(code, encoding="utf-8")
-    subprocess.run([str(CC), *STRICT, "-c", "main.c", "fish.c"], cwd=tmp_path, check=True)
 
 
 @needs_cc
@@ -308,62 +321,127 @@ def test_vectors_are_near_those_of_the_policy_in_double_precision(kind: str) -> 
         np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_the_command_writes_three_files_and_writes_them_again(
+@needs_cc
+@pytest.mark.parametrize("reactive", [False, True])
+def test_a_thousand_commands_of_a_model_are_equal_to_the_bit(
+    reactive: bool, tmp_path: Path
+) -> None:
+    source, _, table = export_model(BODIES, tmp_path / "fish.c", reactive)
+    different = set(table.read_text(encoding="utf-8").splitlines())
+    assert len(different) == 1001
+    # Without main: neither a function nor a constant is unused.
+    strict = [*STRICT, "-Wmissing-prototypes"]
+    subprocess.run([str(CC), *strict, "-c", str(source), "-o", str(tmp_path / "a.o")], check=True)
+    (tmp_path / "float.h").write_text(LIMITS_OF_AVR)
+    assert "needs a double of 64 bits" in refused(source, f"-isystem{tmp_path}")
+    (tmp_path / "float.h").unlink()
+    assert "without_single_precision_constants" in refused(source, "-fsingle-precision-constant")
+    for flags in (("-O0",), ("-O2", "-march=native")):
+        ran = build(source, *flags)
+        assert ran.stdout == "1000 steps, 0 numbers differ, by at most 0\n"
+        assert ran.returncode == 0
+
+
+def test_the_head_counts_the_operations() -> None:
+    code, head = model_texts(BODY.to_array()[None], "fish")
+    step = code.partition("void fish_step(")[2].partition("}")[0]
+    computed = re.findall(r"const double t\d+ = (fma)?", step)
+    assert f"is {len(computed)} operations" in " ".join(head.split(" *"))
+    assert f" {computed.count('fma')} fused multiply-adds" in head
+    assert "malloc" not in code
+
+
+@needs_cc
+def test_a_robot_imagines(tmp_path: Path) -> None:
+    """The program on the page, with a controller and a sample of bodies, runs."""
+    page = Path(__file__).parents[2] / "docs" / "howto" / "export.md"
+    code = page.read_text(encoding="utf-8").split("```c\n")[2].split("```")[0]
+    export.export_c(searched("recurrent", Senses()), tmp_path / "fish.c")
+    export_model(BODIES, tmp_path / "model.c")
+    (tmp_path / "main.c").write_text(code, encoding="utf-8")
+    sources = ["main.c", "fish.c", "model.c"]
+    subprocess.run([str(CC), *STRICT, *sources, "-lm", "-o", "main"], cwd=tmp_path, check=True)
+    ran = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True)
+    lines = ran.stdout.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["body 0", "body 1"]
+    assert lines[0].partition(":")[2] != lines[1].partition(":")[2]
+
+
+def test_the_command_takes_the_controllers_body(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, source = tmp_path / "controller.json", tmp_path / "new" / "fish.c"
+    file, bodies = tmp_path / "controller.json", tmp_path / "bodies.json"
     KINDS["neat"].save(file)
-    assert main(["export", str(file), "--c", str(source)]) == 0
-    first = {path: path.read_bytes() for path in map(source.with_suffix, (".c", ".h", ".csv"))}
-    assert [f"wrote {p} ({len(b)} bytes)" for p, b in first.items()] == (
-        capsys.readouterr().out.splitlines()
-    )
-    assert b"$" not in first[source]
-    assert b"NAME" not in first[source]
-    assert main(["export", str(file), "--c", str(source)]) == 0
-    assert {path: path.read_bytes() for path in first} == first
+    write_bodies(bodies, BODIES)
+    sizes = ", ".join(map(str, KINDS["neat"].morphology.to_array().tolist()))
+    for arguments, held in (
+        ([str(file)], (sizes, "[fish_body_count][9]", "= 1\n")),
+        ([str(file), "--c", str(tmp_path / "swim.c")], (sizes,)),
+        ([], (sizes,)),
+        (["--morphology", str(bodies)], ("= 2\n", "2 bodies")),
+        (["--reactive"], ("with the added mass",)),
+    ):
+        assert main(["export", *arguments, "--model", str(tmp_path / "fish.c")]) == 0
+        text = "".join((tmp_path / f"fish.{end}").read_text(encoding="utf-8") for end in "ch")
+        assert [words for words in held if words not in text] == []
+        assert "$" not in text
+        assert "NAME" not in text
+        said = capsys.readouterr().out.splitlines()
+        assert len(said) == (6 if "--c" in arguments else 3)
+    assert (tmp_path / "swim.c").exists()
 
 
 @pytest.mark.parametrize(
-    ("content", "name", "sentence"),
+    ("words", "sentence"),
     [
-        (None, "fish.c", "controller must be a file that can be read"),
-        ("{}", "fish.c", "must be of schema gait.controller/2"),
-        ("ok", "my-fish.c", "c must be a file name FILE.c"),
-        ("ok", "2fish.c", "c must be a file name FILE.c"),
-        ("ok", "fish.txt", "c must be a file name FILE.c"),
-        ("ok", "mine.c", "c must not overwrite a file that no export wrote"),
-        ("ok", "heading.c", "c must not overwrite a file that no export wrote"),
-        ("ok", "math.c", "its header math.h would hide C's own <math.h>"),
-        ("ok", "Float.c", "its header Float.h would hide C's own <float.h>"),
-        ("ok", "vectors.c", "c must not overwrite a file that no export wrote"),
-        ("ok", "file/fish.c", "the folder of c must be a directory"),
-        ("huge", "fish.c", "must keep every node's sum within 1e+30"),
-        ("overflow", "fish.c", "node 0 reaches"),
+        ("", "give --c FILE.c, --model FILE.c or both"),
+        ("--c fish.c", "--c needs a controller.json or a policy's .zip before it"),
+        ("none.json --c fish.c", "controller must be a file that can be read"),
+        ("empty.json --c fish.c", "must be of schema gait.controller/2"),
+        ("huge.json --c fish.c", "must keep every node's sum within 1e+30"),
+        ("overflow.json --c fish.c", "node 0 reaches"),
+        ("ok.json --c my-fish.c", "c must be a file name FILE.c"),
+        ("ok.json --c 2fish.c", "c must be a file name FILE.c"),
+        ("ok.json --c fish.txt", "c must be a file name FILE.c"),
+        ("ok.json --c mine.c", "c must not overwrite a file that no export wrote"),
+        ("ok.json --c heading.c", "c must not overwrite a file that no export wrote"),
+        ("ok.json --c vectors.c", "c must not overwrite a file that no export wrote"),
+        ("ok.json --c math.c", "its header math.h would hide C's own <math.h>"),
+        ("ok.json --c Float.c", "its header Float.h would hide C's own <float.h>"),
+        ("ok.json --c file/fish.c", "the folder of c must be a directory"),
+        ("ok.json --c a.c --model a.c", "must have two names"),
+        ("ok.json --c a/fish.c --model b/Fish.c", "must have two names"),
+        ("ok.json --c a.c --reactive", "--reactive has no effect without"),
+        ("ok.json --c a.c --morphology b", "--morphology has no effect"),
+        ("ok.json --c a.c --normalize none", "--normalize has no effect without the .zip of a"),
+        ("ok.json --c a.c --activation none", "--activation has no effect without the .zip of a"),
+        ("--model my-fish.c", "model must be a file name FILE.c"),
+        ("--model mine.c", "model must not overwrite a file that no export wrote"),
+        ("--model fish.c --morphology none.json", "morphology must be a file that can"),
+        # Nothing is written where one of two files is refused.
+        ("ok.json --c fish.c --model mine.c", "model must not overwrite"),
+        ("ok.json --c new/a.c --model mine.c/b.c", "the folder of model must"),
+        ("ok.json --c a.c --model b.c --morphology no", "morphology"),
     ],
 )
-def test_a_wrong_export_is_refused(
-    content: str | None,
-    name: str,
+def test_a_wrong_export_is_refused_and_writes_nothing(
+    words: str,
     sentence: str,
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    file = tmp_path / "controller.json"
-    if content == "ok":
-        silent().save(file)
-    elif content in ("huge", "overflow"):
-        # Of the first, one number does not fit float32; of the second, only a sum does not.
-        many = [3.4e38] * 14 if content == "overflow" else [1e40] + [0.0] * 13
+    monkeypatch.chdir(tmp_path)
+    silent().save("ok.json")
+    # Of the first, one number does not fit float32; of the second, only a sum does not.
+    for name, numbers in (("huge", [1e40] + [0.0] * 13), ("overflow", [3.4e38] * 14)):
         data = KINDS["linear"].to_dict()
-        data["weights"][0] = [*many, *data["weights"][0][14:]]
-        write_document(file, data, SCHEMA)
-    elif content is not None:
-        file.write_text(content)
+        data["weights"][0] = [*numbers, *data["weights"][0][14:]]
+        write_document(Path(f"{name}.json"), data, SCHEMA)
+    Path("empty.json").write_text("{}")
     for precious in ("mine.c", "heading.h", "vectors.csv", "file"):
-        (tmp_path / precious).write_text("mine")
-    before = sorted(path.name for path in tmp_path.iterdir())
-    assert main(["export", str(file), "--c", str(tmp_path / name)]) == 2
+        Path(precious).write_text("mine")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main(["export", *words.split()]) == 2
     assert sentence in capsys.readouterr().err
-    assert sorted(path.name for path in tmp_path.iterdir()) == before
-    assert (tmp_path / "mine.c").read_text() == "mine"
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -59,48 +59,7 @@ def test_one_controller_swims_with_several_damages(
     assert len(set(far)) == 3
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--label", "a", "b", "--damage", "none", "none", "none"], "label must be 1 or 3"),
-        (["--damage"], "damage must have one value or more; got none"),
-        (["--out", "a.avi"], "suffix"),
-        (["--damage", "tail:missing"], "damage part"),
-        (
-            ["--html", "/dev/null"],
-            "html must be a file that can be written; '/dev/null': it exists",
-        ),
-        (["--out", "/dev/null"], "out must be a file that can be written; '/dev/null': it exists"),
-    ],
-)
-def test_mistakes_are_one_line(
-    controller_file: Path, words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sizes = () if "--html" in words else SMALL
-    assert main(["film", str(controller_file), *words, *sizes]) == 2
-    error = capsys.readouterr().err
-    assert sentence in error
-    assert error.count("\n") == 1
-
-
-def test_a_refused_film_leaves_no_folder(controller_file: Path, tmp_path: Path) -> None:
-    out = tmp_path / "new" / "film.webp"
-    assert main(["film", str(controller_file), "--out", str(out), "--damage", "tail:missing"]) == 2
-    assert not out.parent.exists()
-
-
-def test_robots_with_dead_servos_swim_a_finite_path(controller_file: Path) -> None:
-    severe = Damage.parse("random:severe")
-    controller = Controller.load(controller_file)
-    for seed in range(200):
-        command = Film((controller_file,), seconds=0.1, engine="numba", seed=seed)
-        swum = command._swim(0, controller, None, severe, "")
-        assert np.isfinite(swum.position).all(), seed
-        assert np.isfinite(swum.fin_angles).all(), seed
-
-
-@pytest.mark.parametrize("engine", ["numba", "pybullet"])
-@pytest.mark.parametrize("kind", ["film", "replay"])
+@pytest.mark.parametrize(("kind", "engine"), [("film", "numba"), ("replay", "pybullet")])
 def test_a_dead_servo_is_filmed(
     kind: str,
     engine: str,

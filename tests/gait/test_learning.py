@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,11 +16,10 @@ from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses, forward
 from gait.files import BODIES_FILE, CONTROLLER_FILE
-from gait.learning import train as learning
 from gait.learning.train import CURVE_FILE, CurvePoint, LearningConfig, _Learner, train
 from gait.search.templates import Template
 from gait.swims.poses import random_poses, stream
@@ -99,17 +97,6 @@ def test_robots_observe_a_controllers_inputs(senses: Senses) -> None:
     poses, far = swum(env, env, lambda observed: answer(controller, observed))
     np.testing.assert_allclose(scores([controller], HALF, poses, 4.0)[0], far, atol=1e-5)
     assert np.ptp(far) > 1e-2
-
-
-def test_ppo_learns_on_an_adapted_batch() -> None:
-    sb3 = pytest.importorskip("stable_baselines3")
-    adapter = importlib.import_module("gait.learning.sb3_env").SB3VecEnv
-    envs = gym.make_vec("AquaFish-v0", num_envs=4, autoreset_mode="Disabled")
-    model = sb3.PPO("MlpPolicy", adapter(envs), n_steps=100, batch_size=100, n_epochs=1, seed=0)
-    model.learn(400)
-    assert np.isfinite(model.env.earned).all()
-    with pytest.raises(InvalidArgumentError, match="autoreset_mode of envs must be"):
-        adapter(gym.make_vec("AquaFish-v0", num_envs=4))
 
 
 def test_vector_env_has_the_librarys_interface() -> None:
@@ -216,32 +203,6 @@ def test_global_random_generators_are_restored() -> None:
             train(None, replace(CONFIG, steps=1, environments=2))
         drawn.append((random.random(), np.random.random(), float(torch.rand(1))))  # noqa: NPY002
     assert drawn[0] == drawn[1]
-
-
-def test_missing_library_is_named_with_its_remedy(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def absent(module: str) -> object:
-        raise ModuleNotFoundError(f"No module named {module!r}")
-
-    monkeypatch.setattr(learning, "import_module", absent)
-    with pytest.raises(MissingExtraError, match=r'pip install "aquafish-gym\[rl\]"'):
-        train(out=tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("steps", 0),
-        ("environments", 10**8),
-        ("interval", 2000),
-        ("senses", ("imu", "fin")),
-    ],
-)
-def test_bad_setting_is_refused_by_name(name: str, value: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
-        LearningConfig(**{name: value})
 
 
 @pytest.mark.parametrize("task", ["forward", "waypoint"])

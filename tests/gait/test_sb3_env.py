@@ -15,6 +15,7 @@ from gymnasium.wrappers import vector as several
 from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import evaluate
+from tests.comparing import assert_same
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
@@ -38,57 +39,30 @@ def dummy(count: int = 2, **options: Any) -> Any:
     return DummyVecEnv(make)
 
 
-def same_infos(ours: Any, theirs: Any) -> None:
-    for mine, other in zip(ours, theirs, strict=True):
-        assert isinstance(mine, dict)
-        assert sorted(mine) == sorted(other)
-        for name, value in other.items():
-            np.testing.assert_array_equal(mine[name], value, err_msg=name)
-            single = value.item() if isinstance(value, np.ndarray) and not value.ndim else value
-            assert type(mine[name]) is type(single), name
-
-
 @pytest.mark.parametrize(
     "options",
     [
-        None,
         {"damage": STILL, "fin_angles": [0.1, 0.2, 0.3]},
         [{"damage": STILL}, {}, {"morphology": {"caudal": (0.0, 0.0, 0.0)}}],
         [{}, {"damage": "gyro:noise=0.3"}, {"damage": "random:severe@0-1"}],
     ],
 )
-def test_a_batch_does_what_single_environments_do(options: Any) -> None:
-    """Seeds and options of the next reset alone, information, resets: bit for bit."""
+def test_options_are_of_the_next_reset_alone(options: Any) -> None:
+    """As of single environments; ``tests/contract`` compares the steps without options."""
     both = adapted(3), dummy(3)
-    rng = np.random.default_rng(0)
+    action = np.full((3, 3), 0.5, np.float32)
     for begins in range(3):
         for envs in both:
             if begins == 0:
                 assert envs.seed(4) == [4, 5, 6]
             if begins < 2:
                 envs.set_options(copy.deepcopy(options))
-        ours, theirs = (envs.reset() for envs in both)
-        np.testing.assert_array_equal(ours, theirs)
-        same_infos(*(envs.reset_infos for envs in both))
-        ends = 0
-        for _ in range(15):
-            actions = rng.uniform(-1, 1, (3, 3)).astype(np.float32)
-            mine, other = (envs.step(actions) for envs in both)
-            for a, b in zip(mine[:3], other[:3], strict=True):
-                np.testing.assert_array_equal(a, b)
-                assert a.dtype == b.dtype
-            over = mine[2]
-            same_infos(mine[3], [other[3][i] if over[i] else NOT_OVER for i in range(3)])
-            each = [other[3][i] for i in np.flatnonzero(~over)]
-            for name, values in both[0].info.items():
-                if name[0] != "_":
-                    expected = [one[name] for one in each]
-                    np.testing.assert_array_equal(
-                        values[~over], np.reshape(expected, values[~over].shape)
-                    )
-            same_infos(*(envs.reset_infos for envs in both))
-            ends += int(mine[2].sum())
-        assert ends == 6
+        assert_same(*(envs.reset() for envs in both))
+        assert_same(*(envs.reset_infos for envs in both))
+        for _ in range(8):  # beyond an episode's end
+            mine, other = (envs.step(action) for envs in both)
+            assert_same(mine[:3], other[:3])
+            assert_same(*(envs.reset_infos for envs in both))
 
 
 def test_options_that_cannot_arrive_are_refused() -> None:
@@ -117,7 +91,7 @@ def test_information_is_plain_and_that_of_its_step_whenever_it_is_read() -> None
     ]
     for infos, then, _ in kept:
         assert [type(info) for info in infos] == [dict, dict]
-        same_infos(infos, then)
+        assert_same(infos, then)
     last = [then for _, then, _ in kept if "x_position" in then[0]]
     assert [one[0]["x_position"] for one in last] == [kept[i][2][0] for i in (5, 11)]
 
@@ -233,19 +207,6 @@ def test_attributes_are_the_robots_own_or_refused() -> None:
         envs.env_method("fly")
     assert envs.env_is_wrapped(several.TransformReward) == [True, True]
     assert envs.env_is_wrapped(VectorFaultWrapper, indices=0) == [False]
-
-
-@pytest.mark.parametrize(
-    ("envs", "words"),
-    [
-        (lambda: gym.make_vec("AquaFish-v0", 2), 'autoreset_mode of envs must be "Disabled"'),
-        (lambda: gym.make("AquaFish-v0", engine="numba"), "envs must be of type VectorEnv"),
-        (lambda: "AquaFish-v0", "envs must be of type VectorEnv"),
-    ],
-)
-def test_what_is_no_such_batch_is_refused(envs: Any, words: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=words):
-        ADAPTER.SB3VecEnv(envs())
 
 
 def test_frames_and_a_video(tmp_path: Path) -> None:

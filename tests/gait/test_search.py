@@ -164,24 +164,38 @@ OPTIONS: dict[str, list[Any]] = {
 }
 
 
-@pytest.mark.parametrize("two", list(combinations(OPTIONS, 2)))
-def test_settings_fit_each_other_or_are_refused_in_a_sentence(two: tuple[str, str]) -> None:
-    for values in product(*(OPTIONS[name] for name in two)):
-        with contextlib.suppress(InvalidArgumentError):
-            config = EvolveConfig(**{**FEW, **dict(zip(two, values, strict=True))})
-            assert config.plan.rows > 0
-            assert config.settings
+def test_settings_fit_each_other_or_are_refused_in_a_sentence() -> None:
+    for two in combinations(OPTIONS, 2):
+        for values in product(*(OPTIONS[name] for name in two)):
+            with contextlib.suppress(InvalidArgumentError):
+                config = EvolveConfig(**{**FEW, **dict(zip(two, values, strict=True))})
+                assert config.plan.rows > 0, (two, values)
+                assert config.settings
 
 
-@pytest.mark.parametrize(("seconds", "steps"), [(0.05, 5), (0.37, 37), (0.01, 1)])
-def test_an_episode_without_another_interval_says_so(seconds: float, steps: int) -> None:
-    with pytest.raises(
-        InvalidArgumentError, match=f"interval must be 5 for episodes of .* divides {steps} steps"
-    ):
-        EvolveConfig(seconds=seconds, interval=10)
-    assert EvolveConfig(seconds=seconds).interval == 5
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ({"seconds": 5.0, "task": "station"}, "seconds has an effect only"),
+        ({"controller": "mlp", "search": "neat"}, "controller has an effect only"),
+        ({"hidden": 6, "search": "neat"}, "hidden has an effect only"),
+        ({"random_candidates": 3}, "random_candidates must"),
+        ({"random_candidates": 10, "search": "neat"}, "random_candidates has an effect only"),
+        ({"random_candidates": 10, "paper": True}, "random_candidates has an effect only"),
+        ({"clock": 0.7, "senses": ("imu", "fins")}, "clock has an effect only"),
+        ({"seconds": 0.37, "interval": 10}, "interval must be 5 for .* divides 37 steps"),
+        ({"task": "waypoint", "interval": 2000}, "interval .* got 2000; the nearest is 1000"),
+    ],
+    ids=str,
+)
+def test_settings_that_contradict_each_other_are_refused(
+    setting: dict[str, Any], sentence: str
+) -> None:
+    """``tests/test_refused_commands.py`` has others."""
+    with pytest.raises(InvalidArgumentError, match=f"^{sentence}"):
+        EvolveConfig(**setting)
 
 
-def test_an_interval_is_one_that_controllers_have() -> None:
-    with pytest.raises(InvalidArgumentError, match="got 2000; the nearest is 1000"):
-        EvolveConfig(task="waypoint", interval=2000)
+def test_an_interval_is_chosen_that_an_episode_has() -> None:
+    for seconds in (0.05, 0.37, 0.01):
+        assert EvolveConfig(seconds=seconds).interval == 5

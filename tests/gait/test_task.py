@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -14,7 +13,6 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import ReachWaypoints, ReturnToBuoys, SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search.config import EvolveConfig
@@ -43,19 +41,6 @@ def test_score_of_swimming_forward_is_the_distance() -> None:
     assert np.ptp(found) > 0.1
 
 
-def test_agent_acts_as_one_policy_for_each_robot() -> None:
-    """With a goal, its fins reckoned, in an environment of one robot."""
-    controller = make(Senses(goal=True, fins=True), 3)
-    env = gym.make("AquaFishWaypoint-v0", engine="numba")
-    seen, info = env.reset(seed=2)
-    agent, alone = ControllerAgent(controller), controller.policy(info["fin_angles"])
-    agent.reset({"fin_angles": info["fin_angles"][None]})
-    for step in range(30):
-        action = agent.act(seen[None])[0]
-        np.testing.assert_allclose(action, alone(seen, step * 0.2), atol=1e-6)
-        seen, *_ = env.step(action)
-
-
 def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     controllers = [make(Senses(goal=True), seed) for seed in (0, 0, 1)]
     one, again, other = (
@@ -68,27 +53,6 @@ def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     assert (one != other).all()
     with pytest.raises(InvalidArgumentError, match="equally many, or one for all; got 2 and 3"):
         scores(controllers, [BODY, BODY], POSES, task="waypoint")
-
-
-def test_search_in_a_task_resumes_to_the_same_bytes(tmp_path: Path) -> None:
-    config = EvolveConfig(
-        search="cma", controller="linear", task="station", interval=500, restarts=1,
-        random_candidates=2, generations=3, population=10, poses=1,
-    )  # fmt: skip
-    found = evolve_gait(None, config, out=tmp_path / "whole")
-    assert found.controller.senses.goal
-    assert 0.0 < found.fitness < 60.0
-
-    def stop(row: Any) -> None:
-        if row.generation == 1:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        evolve_gait(None, config, out=tmp_path / "parts", on_generation=stop)
-    evolve_gait(None, config, out=tmp_path / "parts")
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
-    with pytest.raises(InvalidArgumentError, match=r"out .*another run|with task"):
-        evolve_gait(None, replace(config, task="waypoint"), out=tmp_path / "whole")
 
 
 class MyForward(SwimForward):

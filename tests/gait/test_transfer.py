@@ -23,14 +23,6 @@ from tests.pictures import is_drawn
 QUICK = TransferConfig(poses=3, seconds=2.0)
 
 
-def test_engines_agree_on_the_native_body() -> None:
-    result = transfer(make_controller(), Morphology.nominal(), QUICK)
-    assert result.native.distance == pytest.approx(result.target.distance, abs=1e-9)
-    np.testing.assert_allclose(
-        result.native.random_distances, result.target.random_distances, atol=1e-9
-    )
-
-
 def test_distances_are_those_of_single_swims() -> None:
     controller = make_controller()
     half = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())

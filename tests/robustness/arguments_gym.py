@@ -35,6 +35,7 @@ from aquafish_gym.envs.tasks import (
     ReturnToBuoys,
     SwimForward,
 )
+from aquafish_gym.rendering import render_pose
 from aquafish_gym.rendering.course import FilmedSwim
 from aquafish_gym.rendering.films import film
 from aquafish_gym.rendering.replay import write_replay
@@ -102,6 +103,15 @@ def make_vec(num_envs: int, **options: Any) -> Any:
 def hold(_observation: Any, _time: float) -> Any:
     """Hold still."""
     return np.zeros(3)
+
+
+def task_row(task: Any) -> Call:
+    """Return the row of a task, all of whose fields are numbers."""
+    legal = {
+        name: "fraction, minus one" if name in ("forward_weight", "reached_weight") else "fraction"
+        for name in vars(task())
+    }
+    return Call(task, vars(task()), options(**legal))
 
 
 ROWS = [
@@ -203,50 +213,7 @@ ROWS = [
     Call(WHOLE.check_steps, {"dt": 0.1}, options(dt="fraction, big")),
     Call(WHOLE.body, {"morphology": BODY}),
     Call(WHOLE.apply, {"morphology": BODY}),
-    Call(
-        SwimForward,
-        {"seconds": 20.0, "ctrl_weight": 0.0, "forward_weight": 1.0},
-        options(seconds="fraction", ctrl_weight="fraction", forward_weight="fraction, minus one"),
-    ),
-    Call(
-        Recover,
-        {"seconds": 20.0, "ctrl_weight": 0.0, "forward_weight": 1.0},
-        options(seconds="fraction", ctrl_weight="fraction", forward_weight="fraction, minus one"),
-    ),
-    Call(
-        HoldStation,
-        {
-            "seconds": 20.0, "ctrl_weight": 0.0, "slowest": 0.1, "fastest": 0.3, "half": 2.0,
-            "turning": 0.0,
-        },
-        options(
-            seconds="fraction", ctrl_weight="fraction", slowest="fraction", fastest="fraction",
-            half="fraction", turning="fraction",
-        ),
-    ),
-    Call(
-        ReachWaypoints,
-        {
-            "seconds": 20.0, "ctrl_weight": 0.0, "apart": 6.0, "radius": 1.0,
-            "reached_weight": 5.0,
-        },
-        options(
-            seconds="fraction", ctrl_weight="fraction", apart="fraction", radius="fraction",
-            reached_weight="fraction, minus one",
-        ),
-    ),
-    Call(
-        ReturnToBuoys,
-        {
-            "seconds": 20.0, "ctrl_weight": 0.0, "pace": 0.7, "spare": 0.3, "radius": 1.0,
-            "slowest": 0.05, "fastest": 0.2, "reached_weight": 5.0,
-        },
-        options(
-            seconds="fraction", ctrl_weight="fraction", pace="fraction", spare="fraction",
-            radius="fraction", slowest="fraction", fastest="fraction",
-            reached_weight="fraction, minus one",
-        ),
-    ),
+    *map(task_row, (SwimForward, Recover, HoldStation, ReachWaypoints, ReturnToBuoys)),
     Call(
         write_bodies,
         {"path": "bodies.json", "bodies": BODY},
@@ -257,6 +224,14 @@ ROWS = [
         {"path": "bodies.json", "argument": "file"},
         {"argument": frozenset(STRANGE)},  # the name of the other one
         {"path": "file"},
+    ),
+    Call(
+        render_pose,
+        {
+            "morphology": BODY, "pose": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+            "fin_angles": np.zeros(3), "width": 64, "height": 64, "camera": None, "broken": (),
+        },
+        options(camera="none", broken="empty list"),
     ),
     Call(
         write_replay,

@@ -56,8 +56,8 @@ def work(task):
             return {"value": float("nan")}
         case "sleep":
             time.sleep(600)
-        case "sleep ten":
-            time.sleep(10)
+        case "sleep five":
+            time.sleep(5)
         case "doze":
             time.sleep(0.3)
     rng = np.random.default_rng(task.number)

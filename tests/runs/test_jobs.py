@@ -25,6 +25,7 @@ from aquafish_gym.runs.workers import workers
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 
+pytestmark = pytest.mark.timeout(120)  # fail rather than hang
 JOBS = [Task(number) for number in range(4)]
 
 
@@ -167,8 +168,16 @@ def is_alive(process):
         return False
 
 
+def assert_ended(folder):
+    """Wait for a second until the processes that have started jobs are gone."""
+    deadline = time.monotonic() + 1.0
+    while any(map(is_alive, begun(folder))) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not any(map(is_alive, begun(folder)))
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
 def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
     program = start(tmp_path, "doze", 30)
     while len(list(tmp_path.rglob("*.json"))) < 3:
@@ -182,8 +191,7 @@ def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
     if stop != signal.SIGKILL:
         assert "jobs to do; the same command resumes" in said
         assert "Traceback" not in said
-    time.sleep(1.0)
-    assert not any(map(is_alive, begun(tmp_path)))
+    assert_ended(tmp_path)
     kept = contents(tmp_path)
     assert 3 <= len(kept) < 30
     again = start(tmp_path, "doze", 10)
@@ -194,17 +202,16 @@ def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_stopped_workers_do_not_hold_an_interruption(tmp_path, stop):
+def test_stopped_workers_do_not_hold_an_interruption(tmp_path):
     program = start(tmp_path, "stop", 4)
     while len(begun(tmp_path)) < 2:
         assert program.poll() is None
         time.sleep(0.05)
     time.sleep(0.5)
-    program.send_signal(stop)
+    program.send_signal(signal.SIGTERM)
     _, said = program.communicate(timeout=10)
     assert "interrupted with 4 of 4 jobs to do; the same command resumes" in said
-    assert not any(map(is_alive, begun(tmp_path)))
+    assert_ended(tmp_path)
 
 
 def test_a_second_command_in_the_folder_is_refused(tmp_path):
@@ -237,15 +244,6 @@ def test_workers_end_with_the_block():
     assert isinstance(sleeping.exception(), BrokenProcessPool)
 
 
-def test_an_address_without_protocol_is_refused_at_once():
-    for address in ("127.0.0.1", "host:8786", ""):
-        with (
-            pytest.raises(InvalidArgumentError, match="such as tcp://host:8786"),
-            workers(scheduler=address),
-        ):
-            pass
-
-
 def test_an_address_that_says_nothing_is_refused_in_time(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "ANSWER_SECONDS", 1.0)
@@ -270,20 +268,6 @@ def dask_cluster():
         yield made
 
 
-def test_a_cluster_of_other_code_or_versions_is_refused(dask_cluster, monkeypatch):
-    address = dask_cluster.scheduler_address
-    monkeypatch.setattr(cluster, "difference", lambda *_: "numpy 1.0 there, 2.0 here")
-    with (
-        pytest.raises(InvalidArgumentError, match=r"the code and versions of this .*numpy 1\.0"),
-        workers(scheduler=address),
-    ):
-        pass
-    monkeypatch.undo()
-    other = {**cluster.computing(work), "code": "0123456789abcdef"}
-    with pytest.raises(cluster.OtherCodeError, match=r"code .* there, 0123456789abcdef here"):
-        cluster.run_alike(other, work, divmod, 7, 2)
-
-
 def test_a_cluster_of_other_code_does_no_job(dask_cluster, monkeypatch, tmp_path):
     address = dask_cluster.scheduler_address
     asked = []
@@ -298,6 +282,10 @@ def test_a_cluster_of_other_code_does_no_job(dask_cluster, monkeypatch, tmp_path
         run_jobs(JOBS, work, tmp_path, scheduler=address)
     assert asked[0] is work
     assert not list(tmp_path.iterdir())
+    monkeypatch.undo()
+    other = {**cluster.computing(work), "code": "0123456789abcdef"}
+    with pytest.raises(cluster.OtherCodeError, match=r"code .* there, 0123456789abcdef here"):
+        cluster.run_alike(other, work, divmod, 7, 2)
 
 
 def test_versions_are_told_apart(monkeypatch):
@@ -312,11 +300,11 @@ def test_versions_are_told_apart(monkeypatch):
 
 
 def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monkeypatch, tmp_path):
-    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 5.0)
-    lost = threading.Timer(2.0, dask_cluster.scale, (0,))
+    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 2.0)
+    lost = threading.Timer(1.0, dask_cluster.scale, (0,))
     lost.start()
-    with pytest.raises(OSError, match="none has answered for 5 s; the same command resumes"):
-        run_jobs([Task(0, "sleep ten")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
+    with pytest.raises(OSError, match="none has answered for 2 s; the same command resumes"):
+        run_jobs([Task(0, "sleep five")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
     lost.join()
 
 
