@@ -94,7 +94,7 @@ def test_a_file_of_one_body_is_a_sample_of_one(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", "is not JSON"),
-        ("[1, 2]", "an object"),
+        ("[1, 2]", "must hold a JSON object"),
         ("{}", "a body must be an object with the keys left_pectoral"),
         ('{"caudal": [0.1, 0.2, 0.3]}', "a body must be an object"),
         ('{"morphology": null}', "a body must be an object"),

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import check_row
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.core.session import Session, streams
@@ -55,6 +56,7 @@ class StudyWorld:
     held_out: bool = False
 
     def __post_init__(self) -> None:
+        check_row("current", self.current)
         if self.held_out and self.damage:
             raise ConfigurationError(
                 f"damage must be none with held_out, which has its own; got {self.damage}"
