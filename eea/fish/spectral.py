@@ -2,7 +2,7 @@
 
 A trial's Fourier transform costs numpy about as much as the compiled engine needs for the whole
 trial, and the comparison half as much again. In the engine's lanes both are nearly free, with the
-same result up to single precision (tests/eea/test_spectral.py).
+same result up to single precision (tests/eea/test_target.py).
 """
 
 from __future__ import annotations

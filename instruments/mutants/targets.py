@@ -62,7 +62,6 @@ GROUPS = {
         (),
         (
             "tests/eea/infer",
-            "tests/eea/test_watch_cli.py",
             "tests/eea/test_infer_cli.py",
             "tests/robustness/test_arguments.py",
             "tests/test_golden.py::test_command_is_unchanged",

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.algorithm import EEA
-from eea.core.config import PaperConfig
 from eea.core.experiment import RecordedLog, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
@@ -32,12 +31,12 @@ TRUTH = np.array([0.4, 0.8, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6])
 class FakeSimulator(Simulator):
     """Each fin makes one axis's rate swing, by its sizes and from its angle."""
 
-    def __init__(self, steps: int = STEPS) -> None:
+    def __init__(self, steps=STEPS):
         self.steps = steps
         self.calls = 0
         self.sizes: list[int] = []
 
-    def simulate(self, trials: Trials) -> RecordedLog:
+    def simulate(self, trials):
         self.calls += 1
         self.sizes.append(len(trials))
         sizes = trials.models.reshape(-1, 3, 3, 1) / np.array([1.0, 2.0, 1.0])[:, None]
@@ -51,13 +50,13 @@ class FakeSimulator(Simulator):
 class FakeTarget:
     """The fake robot with a body and angles of its own; it tells only what its IMU felt."""
 
-    def __init__(self, seed: int = 0, steps: int = STEPS) -> None:
+    def __init__(self, seed=0, steps=STEPS):
         self._rng = np.random.default_rng(seed)
         self._simulator = FakeSimulator(steps)
         self.commands: list[NDArray[np.float64]] = []
         self._last = np.zeros(3)
 
-    def perform(self, command: NDArray[np.float64]) -> RecordedLog:
+    def perform(self, command):
         self.commands.append(command)
         self._last = self._rng.uniform(-np.pi, np.pi, size=3)
         return self._simulator.simulate(Trials(TRUTH[None], command[None], self._last[None]))
@@ -65,11 +64,11 @@ class FakeTarget:
 
 class FakeRevealingTarget(FakeTarget):
     @property
-    def start_angles(self) -> NDArray[np.float64]:
+    def start_angles(self):
         return self._last
 
 
-def fake_eea(config: PaperConfig, seed: int = 0, truth: bool = True) -> EEA:
+def fake_eea(config, seed=0, truth=True):
     """The algorithm bound to the fake robot, whose trials are as long as ``config.steps``."""
     return EEA(
         FakeRevealingTarget(seed, config.steps),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,14 +20,14 @@ SCALED = {
 }
 
 
-def scaled(*columns: str) -> dict[str, str]:
+def scaled(*columns):
     """Return a map of three columns of pulse widths."""
     return {
         key: text.format(name) for (key, text), name in zip(SCALED.items(), columns, strict=True)
     }
 
 
-def write_csv(path: Path) -> dict[str, str]:
+def write_csv(path):
     """Write a table in degrees/s and ms, separated by semicolons; return its map."""
     heading = ["t [ms]", *(f"gyro_{axis} [deg/s]" for axis in "xyz")]
     pulses = np.repeat(PULSES, 10, axis=0)
@@ -40,7 +38,7 @@ def write_csv(path: Path) -> dict[str, str]:
     return {"time": heading[0], "gyro": ",".join(heading[1:]), **scaled("s1", "s2", "s3")}
 
 
-def write_parquet(path: Path) -> dict[str, str]:
+def write_parquet(path):
     """Write a table with dates and an array in a cell, as LeRobot does; return its map."""
     import pyarrow as pa
     from pyarrow import parquet
@@ -60,7 +58,7 @@ def write_parquet(path: Path) -> dict[str, str]:
     }  # fmt: skip
 
 
-def write_bin(path: Path, sensors: int = 1, unit: str = "E") -> dict[str, str]:
+def write_bin(path, sensors=1, unit="E"):
     """Write the log of an ArduSub with FMT, UNIT and FMTU messages; return its map.
 
     Its gyroscope's axes are forward, right and down. Unit "E" is rad/s, and "k" is deg/s.
@@ -71,11 +69,11 @@ def write_bin(path: Path, sensors: int = 1, unit: str = "E") -> dict[str, str]:
     kinds: dict[str, DFFormat] = {}
     content = []
 
-    def write(layout: Any, *values: Any) -> None:
+    def write(layout, *values):
         head = bytes([0xA3, 0x95, layout.type])
         content.append(head + struct.pack(layout.msg_struct, *values))
 
-    def kind(number: int, name: str, types: str, columns: str) -> None:
+    def kind(number, name, types, columns):
         layout = DFFormat(number, name, 0, types, columns)
         size = 3 + struct.calcsize(layout.msg_struct)
         write(define, number, size, name.encode(), types.encode(), columns.encode())
@@ -112,7 +110,7 @@ def write_bin(path: Path, sensors: int = 1, unit: str = "E") -> dict[str, str]:
     }
 
 
-def write_ulog(path: Path) -> dict[str, str]:
+def write_ulog(path):
     """Write the log of a PX4; return its map."""
     from pyulog import ULog
 
@@ -136,7 +134,7 @@ def write_ulog(path: Path) -> dict[str, str]:
     }
 
 
-def write_mcap(path: Path, behind: float = 0.0, compression: str = "zstd") -> dict[str, str]:
+def write_mcap(path, behind=0.0, compression="zstd"):
     """Write JSON messages with stamps; those of the servos are ``behind`` s; return the map."""
     from mcap.writer import CompressionType, Writer
 
@@ -149,7 +147,7 @@ def write_mcap(path: Path, behind: float = 0.0, compression: str = "zstd") -> di
             for topic, encoding in (("/imu", "json"), ("/servos", "json"), ("/camera", "jpeg"))
         )
 
-        def write(channel: int, stamp: int, late: float, **message: Any) -> None:
+        def write(channel, stamp, late, **message):
             sec, nanosec = divmod(stamp - round(1e9 * late), 10**9)
             header = {"stamp": {"sec": sec, "nanosec": nanosec}}
             data = json.dumps({"header": header, **message}).encode()
@@ -172,3 +170,18 @@ WRITERS = {
     "csv": write_csv, "parquet": write_parquet, "BIN": write_bin, "ulg": write_ulog,
     "mcap": write_mcap,
 }  # fmt: skip
+
+
+def small_mcap(path, messages, **options):
+    """Write messages of one topic, by default in JSON."""
+    from mcap.writer import Writer
+
+    kind, encoding = options.pop("kind", b"{}"), options.pop("encoding", "json")
+    with path.open("wb") as file:
+        log = Writer(file, **options)
+        log.start()
+        schema = log.register_schema("p/A", "ros1msg" if encoding == "ros1" else "jsonschema", kind)
+        channel = log.register_channel("/a", encoding, schema)
+        for number, message in enumerate(messages):
+            log.add_message(channel, 10**7 * number, message, 10**7 * number)
+        log.finish()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from aquafish_gym.damage import Damage
@@ -27,7 +25,7 @@ LEVELS = {
 }
 
 
-def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5, rounds=4):
+def write_study(folder, arms=("ideal", "none"), steps=(128, 256), seeds=5, rounds=4):
     """Write a study.json and finished runs whose arms differ as the paper's do."""
     (folder / "runs").mkdir(parents=True)
     write_document(
@@ -64,10 +62,7 @@ def _settings(arm):
     """Return as much of an arm's settings as a report reads."""
     models = {"in-band-200": 200, "out-of-band-100": 100}.get(arm, 25)
     endings = [name for name in ("ideal", "none", "out-of-band", "in-band") if name in arm]
-    return {
-        "condition": next(iter(endings), "ideal"),
-        "estimation": {"population": models},
-    }
+    return {"condition": next(iter(endings), "ideal"), "estimation": {"population": models}}
 
 
 def make_records(rng, start, end, rounds):
@@ -96,7 +91,7 @@ def make_records(rng, start, end, rounds):
     return records
 
 
-def write_records(folder: Path, arm, steps, seed, records) -> Path:
+def write_records(folder, arm, steps, seed, records):
     """Write a finished replicate as the runner does, and return its file."""
     key = ReplicateKey(arm, steps, seed)
     path = folder / key.file

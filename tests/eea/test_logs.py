@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-import io
+import json
 import re
+import runpy
 import shlex
-import shutil
 import struct
-import subprocess
 import sys
-from collections.abc import Callable, Iterable
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType
 
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
 from eea import read_log
 from eea.__main__ import main
 from eea.logs.alignment import align, held_means
-from eea.logs.child import PROGRAM
 from eea.logs.columns import Quantity, gyroscopes, time_columns
 from eea.logs.streams import Recording, Stream
 from eea.logs.summary import summary
-from eea.logs.tables import read_recording, read_streams
-from tests.eea.log_files import (
+from eea.logs.tables import read_recording
+from log_files import (
     COMMANDS,
     RATES,
     SCALED,
     TIME,
     WRITERS,
+    small_mcap,
     write_bin,
     write_csv,
     write_mcap,
@@ -42,38 +40,17 @@ from tests.eea.log_files import (
 ROOT = Path(__file__).parents[2]
 EXAMPLE = "examples/logs/swim.mcap"
 PAGE = (ROOT / "docs" / "howto" / "logs.md").read_text(encoding="utf-8")
+pytestmark = pytest.mark.usefixtures("read_here")
 
 
-def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let logs be read in this process: hundreds of processes take minutes to start."""
-
-    def read(path: str, format_name: str, _size: int, remarks: list[str]) -> list[Stream]:
-        said = io.StringIO()
-        with redirect_stdout(said), redirect_stderr(said):
-            return list(read_streams(path, format_name, remarks))
-
-    monkeypatch.setattr("eea.logs.tables.read_in_child", read)
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_each_format_gives_the_swim_that_was_recorded(name: str, tmp_path: Path) -> None:
-    path = tmp_path / f"swim.{name}"
-    columns = WRITERS[name](path)
-    log = read_log(path, columns)
-    np.testing.assert_allclose(log.time - log.time[0], TIME, atol=1e-6)
-    np.testing.assert_allclose(log.gyro, RATES, atol=1e-6)
-    np.testing.assert_allclose(log.commands, COMMANDS, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_part_is_read_by_its_time(name: str, tmp_path: Path) -> None:
-    path = tmp_path / f"swim.{name}"
-    log = read_log(path, WRITERS[name](path), (0.395, 0.805))
+def test_a_part_is_read_by_its_time(tmp_path):
+    path = tmp_path / "swim.ulg"
+    log = read_log(path, write_ulog(path), (0.395, 0.805))
     np.testing.assert_allclose(log.gyro, RATES[40:81], atol=1e-6)
     np.testing.assert_allclose(log.commands, COMMANDS[40:81], atol=1e-9)
 
 
-def test_messages_of_ros_1_and_of_protobuf_are_read(tmp_path: Path) -> None:
+def test_messages_of_ros_1_and_of_protobuf_are_read(tmp_path):
     from google.protobuf.timestamp_pb2 import Timestamp
     from mcap.writer import Writer
     from mcap_protobuf.writer import Writer as ProtobufWriter
@@ -98,7 +75,7 @@ def test_messages_of_ros_1_and_of_protobuf_are_read(tmp_path: Path) -> None:
     assert stream.columns[""].tolist() == [2.000000005]
 
 
-def test_commands_are_held_and_averaged_over_time_never_matched_by_row() -> None:
+def test_commands_are_held_and_averaged_over_time_never_matched_by_row():
     at = np.array([0.0, 0.01, 0.02, 0.03])
     time = np.array([0.0, 0.005, 0.0175, 0.025])
     values = np.array([[0.1], [0.3], [0.3], [0.5]])
@@ -107,20 +84,15 @@ def test_commands_are_held_and_averaged_over_time_never_matched_by_row() -> None
     assert (held_means(at, time, steady) == 0.1).all(), "without rounding"
 
 
-def test_what_was_done_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_done_is_said(tmp_path):
     columns = write_mcap(tmp_path / "swim.mcap")
     remarks = read_log(tmp_path / "swim.mcap", columns).remarks
     assert remarks[0].startswith("/camera is left out: its messages cannot be decoded (jpeg by js")
     assert remarks[1] == "the times are those of header.stamp"
     assert remarks[2].startswith("/servos has 10 rows a second: its commands are held until its")
-    words = [f"{name}={text}" for name, text in columns.items()]
-    assert (
-        main(["infer", "--log", str(tmp_path / "swim.mcap"), "--map", *words, "--seed", "-1"]) == 2
-    )
-    assert "seed must be" in capsys.readouterr().err
 
 
-def test_rows_before_the_first_command_are_left_out(tmp_path: Path) -> None:
+def test_rows_before_the_first_command_are_left_out(tmp_path):
     columns = write_mcap(tmp_path / "swim.mcap", behind=-0.045)
     log = read_log(tmp_path / "swim.mcap", columns)
     assert any(line.startswith("the first 0.04 s have no row of /servos") for line in log.remarks)
@@ -131,43 +103,32 @@ def test_rows_before_the_first_command_are_left_out(tmp_path: Path) -> None:
     )
 
 
+IMU = "IMU.GyrX,IMU.GyrY,IMU.GyrZ"
 MISTAKES: dict[str, tuple[str, dict[str, str | None], str]] = {
     "quantity": ("BIN", {"gyros": "IMU.GyrX"}, "map must be one of time, gyro, .*mean 'gyro'"),
     "unit": ("BIN", {"gyro:deg": "IMU.GyrX", "gyro": None}, "gyro must have 3"),
-    "other unit": (
-        "BIN", {"gyro:deg/s": "IMU.GyrX,IMU.GyrY,IMU.GyrZ", "gyro": None},
-        "gyro must be in rad/s, by which the file states IMU.GyrX; got deg/s",
-    ),
-    "no unit of it": (
-        "BIN", {"caudal": "RCOU.C3"},
-        "caudal must be in .*; the file says that RCOU.C3 is in us: convert it, as in caudal=0.5",
-    ),
-    "twice": ("BIN", {"gyro:rad/s": "IMU.GyrX,IMU.GyrY,IMU.GyrZ"}, "map must name gyro once"),
+    "other unit": ("BIN", {"gyro:deg/s": IMU, "gyro": None}, "gyro must be in rad/s.*got deg/s"),
+    "no unit of it": ("BIN", {"caudal": "RCOU.C3"}, "RCOU.C3 is in us: .*as in caudal=0.5"),
+    "twice": ("BIN", {"gyro:rad/s": IMU}, "map must name gyro once"),
     "one column": ("BIN", {"gyro": "IMU.GyrX"}, "gyro must have 3 columns, joined by commas"),
     "comma": ("BIN", {"gyro": "IMU.GyrX,,IMU.GyrZ"}, "gyro must have columns"),
-    "mistyped": (
-        "BIN", {"gyro": "IMU.GirX,IMU.GyrY,IMU.GyrZ"},
-        r"gyro must be a column of the log, as `aquafish logs` lists them; got 'IMU.GirX'; did you "
-        r"mean IMU.GyrX\?",
-    ),
+    "mistyped": ("BIN", {"gyro": IMU.replace("GyrX", "GirX")}, r"'IMU.GirX'; .*mean IMU.GyrX\?"),
     "stream": ("BIN", {"gyro": "IMU.GyrX,IMU.GyrY,RCOU.C1"}, "gyro must be of one stream, IMU"),
     "clock": ("mcap", {"time": "/imu.turn.x"}, "time must be a column of each stream.*/servos has"),
-    "clock of another stream": (
-        "BIN", {"time": "MSG.TimeUS"}, "time must be a column of IMU, RCOU, .*; got 'MSG.TimeUS'",
-    ),
+    "another's clock": ("BIN", {"time": "MSG.TimeUS"}, "time must be a column of IMU, RCOU, .*MSG"),
     "clock's unit": ("BIN", {"time:ms": "TimeUS"}, "TimeUS is in ticks of 1e-06 s; got ms"),
     "two clocks": ("mcap", {"time": "log_time,header.stamp"}, "time must be one column"),
     "scaled time": ("csv", {"time": "2*t [ms]"}, "time must be a column; got"),
-    "no time": ("csv", {"time": None}, "it must have one column time; .*--map 'time=t .ms.'"),
+    "no time": ("csv", {"time": None}, "one column time; .*--map 'time=t .ms.'"),
     "text": ("parquet", {"caudal": "note"}, "row 1 must have numbers; note is 'swims'"),
     "rates": ("csv", {"gyro": "s1,s2,s3"}, "at most 10 rad/s, which no such fish"),
     "scale": ("csv", {"caudal": "s3"}, r"row 1: caudal must be in \[0, 1\] Hz; got 1600"),
     "trial": ("BIN", {"trial": "RCOU.C1"}, "trial must be of one stream, IMU"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_wrong_map_is_refused_with_what_to_write(mistake: str, tmp_path: Path) -> None:
+def test_a_wrong_map_is_refused_with_what_to_write(mistake, tmp_path):
     name, changes, message = MISTAKES[mistake]
     path = tmp_path / f"swim.{name}"
     columns = {**WRITERS[name](path), **changes}
@@ -177,9 +138,7 @@ def test_a_wrong_map_is_refused_with_what_to_write(mistake: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("sensors", [1, 2])
-def test_a_map_is_suggested_and_can_be_pasted(
-    sensors: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_map_is_suggested_and_can_be_pasted(sensors, tmp_path, capsys):
     path = tmp_path / "00000001.BIN"
     columns = write_bin(path, sensors)
     assert main(["infer", "--log", str(path)]) == 2
@@ -194,13 +153,13 @@ def test_a_map_is_suggested_and_can_be_pasted(
             read_log(path, {**columns, "gyro": "IMU.GyrX,IMU.GyrY,IMU.GyrZ"})
 
 
-def test_units_that_the_file_states_are_converted(tmp_path: Path) -> None:
+def test_units_that_the_file_states_are_converted(tmp_path):
     columns = write_bin(tmp_path / "swim.BIN", unit="k")
     log = read_log(tmp_path / "swim.BIN", columns)
     np.testing.assert_allclose(log.gyro, np.deg2rad(RATES), atol=1e-6)
 
 
-def test_streams_of_two_clocks_are_refused(tmp_path: Path) -> None:
+def test_streams_of_two_clocks_are_refused(tmp_path):
     columns = write_mcap(tmp_path / "swim.mcap", behind=30.0)
     with pytest.raises(InvalidArgumentError, match=r"header.stamp .* 30 s apart.*time=log_time"):
         read_log(tmp_path / "swim.mcap", columns)
@@ -208,18 +167,26 @@ def test_streams_of_two_clocks_are_refused(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.commands, COMMANDS, atol=1e-9)
 
 
+ONE = {"x": Quantity(("x",), {})}
+
+
+def stamped(stamps, logged):
+    """Return a topic with stamps and the recorder's times after 1.7e9 s."""
+    columns = {"header.stamp": np.array(stamps), "x": np.arange(len(logged)) * 1.0}
+    columns["log_time"] = 1.7e9 + np.array(logged)
+    clocks = {"header.stamp": 1.0, "log_time": 1.0}
+    return Recording("MCAP", [Stream("/imu", columns, clocks)], [])
+
+
 @pytest.mark.parametrize(
     ("stamp", "said"),
     [
         (lambda t: 0.0 if t < 0.3 else 1.7e9 + t, r"at row 31 it goes 1\d{9}\S* s ahead of"),
-        (lambda t: t + 9.0 if t < 0.3 else 1.7e9 + t, r"at row 31 it goes 1\d{9}\S* s ahead of"),
         (lambda t: 1.7e9 + t + 0.2 * (t > 0.595), r"at row 61 it goes 0\.[12]\d* s ahead of"),
         (lambda t: 1.7e9 + t - 0.2 * (t > 0.595), r"at row 61 it goes 0\.[12]\d* s back of"),
     ],
 )
-def test_a_clock_that_was_set_while_recording_is_refused_with_the_recorders(
-    stamp: Callable[[float], float], said: str
-) -> None:
+def test_a_clock_that_was_set_while_recording_is_refused_with_the_recorders(stamp, said):
     late = np.abs(np.random.default_rng(0).normal(0.0, 0.02, 120)) + 1e-3  # of each message
     logged = np.maximum.accumulate(TIME + late)
     imu = stamped([stamp(t) for t in TIME], logged)
@@ -229,29 +196,17 @@ def test_a_clock_that_was_set_while_recording_is_refused_with_the_recorders(
     np.testing.assert_allclose(found.time, logged - logged[0], atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["a slow clock", "messages that wait", "one that waits long"])
-def test_a_clock_is_not_taken_for_set_by_delays_or_a_pace(kind: str) -> None:
+def test_a_clock_is_not_taken_for_set_by_delays_or_a_pace():
     time = 0.01 * np.arange(3000)
-    logged = {
-        "a slow clock": 1.002 * time,
-        "messages that wait": np.ceil((time + 1e-3) / 0.5) * 0.5,
-        "one that waits long": time + 3.0 * (np.arange(3000) == 900),
-    }[kind]
-    align(stamped(1.7e9 + time, logged), ONE, {"x": "x"}, None, 0.25)
+    for logged in (
+        1.002 * time,  # a slow clock
+        np.ceil((time + 1e-3) / 0.5) * 0.5,  # messages that wait
+        time + 3.0 * (np.arange(3000) == 900),  # one that waits long
+    ):
+        align(stamped(1.7e9 + time, logged), ONE, {"x": "x"}, None, 0.25)
 
 
-ONE = {"x": Quantity(("x",), {})}
-
-
-def stamped(stamps: Any, logged: Any) -> Recording:
-    """Return a topic with stamps and the recorder's times after 1.7e9 s."""
-    columns = {"header.stamp": np.array(stamps), "x": np.arange(len(logged)) * 1.0}
-    columns["log_time"] = 1.7e9 + np.array(logged)
-    clocks = {"header.stamp": 1.0, "log_time": 1.0}
-    return Recording("MCAP", [Stream("/imu", columns, clocks)], [])
-
-
-def test_a_hole_names_a_clock_that_has_none() -> None:
+def test_a_hole_names_a_clock_that_has_none():
     columns = {
         "time": TIME + 5.0 * (TIME > 0.595), "elapsed_time [ms]": 1e3 * TIME, "x": np.ones(120),
         "y": np.where(np.arange(120) % 5 == 0, 1.0, np.nan),
@@ -266,7 +221,7 @@ def test_a_hole_names_a_clock_that_has_none() -> None:
     np.testing.assert_allclose(found.time, TIME, atol=1e-9)
 
 
-def test_columns_of_another_rate_are_listed_with_it(tmp_path: Path) -> None:
+def test_columns_of_another_rate_are_listed_with_it(tmp_path):
     lines = ["time,fast,slow,note"]
     for row in range(200):
         slow = f"{row}" if row % 10 == 0 else ""
@@ -276,31 +231,27 @@ def test_columns_of_another_rate_are_listed_with_it(tmp_path: Path) -> None:
     assert said[2].split()[:6] == ["2", "columns:", "slow,", "note", "20", "10"]
 
 
-def changed_times(time: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tests.eea.log_files.TIME", time)
-
-
-def test_a_hole_is_refused_with_the_parts_beside_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    changed_times(TIME + 2.0 * (TIME > 0.595), monkeypatch)
-    columns = write_bin(tmp_path / "swim.BIN")
-    message = (
-        "IMU must have no hole.*from 0.59 to 2.6 s.*between 0 and 0.59 or between 2.6 and 3.19"
-    )
+def test_a_hole_is_refused_with_the_parts_beside_it(tmp_path, monkeypatch):
+    path = tmp_path / "swim.BIN"
+    monkeypatch.setattr("log_files.TIME", TIME + 2.0 * (TIME > 0.595))
+    columns = write_bin(path)
+    still = columns | dict.fromkeys(SCALED, "0*IMU.GyrX")
+    said = "IMU must have no hole.*from 0.59 to 2.6 s.*between 0 and 0.59 or between 2.6 and 3.19"
     with pytest.raises(InvalidArgumentError, match="RCOU must have no hole of more than"):
-        read_log(tmp_path / "swim.BIN", columns)
-    with pytest.raises(InvalidArgumentError, match=message):
-        read_log(tmp_path / "swim.BIN", {**columns, **dict.fromkeys(SCALED, "0*IMU.GyrX")})
-    assert len(read_log(tmp_path / "swim.BIN", columns, (2.6, 3.19)).time) == 60
+        read_log(path, columns)
+    with pytest.raises(InvalidArgumentError, match=said):
+        read_log(path, still)
+    assert len(read_log(path, columns, (2.6, 3.19)).time) == 60
+    monkeypatch.setattr("log_files.TIME", np.where(TIME > 0.595, TIME - 0.3, TIME))
+    write_bin(path)
+    with pytest.raises(InvalidArgumentError, match=r"not go back in time; .*between 0 and 0.59"):
+        read_log(path, still)
 
 
 @pytest.mark.parametrize(
     ("between", "parts"), [((0.0, 0.8), "between 0 and 0.5"), ((0.7, 1.19), "between 1 and 1.19")]
 )
-def test_a_hole_of_the_commands_counts_where_one_side_of_it_is_read(
-    between: tuple[float, float], parts: str, tmp_path: Path
-) -> None:
+def test_a_hole_of_the_commands_counts_where_one_side_of_it_is_read(between, parts, tmp_path):
     path = tmp_path / "swim.csv"
     lines = ["time,gyro_x,gyro_y,gyro_z,left_pectoral,right_pectoral,caudal"]
     for time, rates in zip(TIME, RATES, strict=True):
@@ -312,33 +263,17 @@ def test_a_hole_of_the_commands_counts_where_one_side_of_it_is_read(
     assert len(read_log(path, {}, (0.0, 0.5)).time) == 51
 
 
-def test_time_that_goes_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    changed_times(np.where(TIME > 0.595, TIME - 0.3, TIME), monkeypatch)
-    columns = write_bin(tmp_path / "swim.BIN") | dict.fromkeys(SCALED, "0*IMU.GyrX")
-    with pytest.raises(
-        InvalidArgumentError, match=r"must not go back in time; .*between 0 and 0.59"
-    ):
-        read_log(tmp_path / "swim.BIN", columns)
-
-
-@pytest.mark.parametrize(
-    ("between", "message"),
-    [((0.5, 0.5), "two times, s, the second later"), ((5.0, 9.0), "lasts 1.19 s; got 5 to 9"),
-     ((-1.0, 2.0), "must lie in"), ((0.0,), "two times, s, the second later; got 0")],
-)  # fmt: skip
-def test_a_wrong_part_is_refused(between: Any, message: str, tmp_path: Path) -> None:
+def test_a_wrong_part_is_refused(tmp_path):
     columns = write_ulog(tmp_path / "swim.ulg")
-    with pytest.raises(InvalidArgumentError, match=f"between.*{message}"):
-        read_log(tmp_path / "swim.ulg", columns, between)
-
-
-def test_a_part_of_several_trials_is_refused() -> None:
+    for between, said in (((0.5, 0.5), "the second later"), ((5.0, 9.0), "1.19 s; got 5 to 9")):
+        with pytest.raises(InvalidArgumentError, match=f"between.*{said}"):
+            read_log(tmp_path / "swim.ulg", columns, between)
     with pytest.raises(InvalidArgumentError, match="None where the log has several"):
         read_log(ROOT / "examples" / "logs" / "swim.csv", between=(0.0, 1.0))
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name: str, tmp_path: Path) -> None:
+def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name, tmp_path):
     path = tmp_path / f"swim.{name}"
     columns = WRITERS[name](path)
     whole = path.read_bytes()
@@ -355,43 +290,33 @@ def test_a_file_that_is_cut_short_is_read_up_to_there_or_refused(name: str, tmp_
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_damage_anywhere_gives_one_sentence_and_no_other_output(
-    name: str,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    read_here(monkeypatch)
+def test_damage_anywhere_gives_one_sentence_and_no_other_output(name, tmp_path, capfd):
     path = tmp_path / f"swim.{name}"
     columns = WRITERS[name](path)
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
+    said: list[str] = []
     for _ in range(40):
         damaged = np.frombuffer(whole, np.uint8).copy()
         count = int(rng.choice([1, 3, 20]))
         damaged[rng.integers(len(whole), size=count)] = rng.integers(256, size=count)
         path.write_bytes(damaged.tobytes())
-        said = []
         for call in (lambda: summary(read_recording(path)), lambda: read_log(path, columns)):
             try:
                 call()
             except InvalidArgumentError as error:
                 said.append(str(error))
-        assert not any("\n" in sentence for sentence in said)
+    assert not any("\n" in sentence for sentence in said)
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "csv"])
-def test_a_missing_extra_is_named(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_extra_is_named(name, tmp_path, monkeypatch):
     path = tmp_path / f"swim.{name}"
     columns = WRITERS[name](path)
     for library in ("pyarrow", "pymavlink.DFReader", "pyulog", "mcap.reader", "mcap_ros2.decoder"):
-        monkeypatch.setitem(__import__("sys").modules, library, None)
-    with pytest.raises(
-        MissingExtraError, match=r"needs the extra logs .*pip install \"aquafish-gym\[logs\]\""
-    ):
+        monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=r"pip install \"aquafish-gym\[logs\]\""):
         read_log(path, columns)
 
 
@@ -413,14 +338,14 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("message", OTHERS)
-def test_other_and_damaged_files_are_refused_with_what_to_do(message: str, tmp_path: Path) -> None:
+def test_other_and_damaged_files_are_refused_with_what_to_do(message, tmp_path):
     path = tmp_path / "swim.log"
     path.write_bytes(OTHERS[message])
     with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*({message})"):
         read_log(path)
 
 
-def test_columns_without_numbers_or_with_one_name_are_said(tmp_path: Path) -> None:
+def test_columns_without_numbers_or_with_one_name_are_said(tmp_path):
     path = tmp_path / "swim.csv"
     columns = write_csv(path)
     lines = path.read_text().splitlines()
@@ -433,9 +358,7 @@ def test_columns_without_numbers_or_with_one_name_are_said(tmp_path: Path) -> No
     assert read_recording(path).remarks == ["2 columns have the name 's1': they are left out"]
 
 
-def test_the_page_shows_what_the_commands_print(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_shows_what_the_commands_print(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     assert main(["logs", EXAMPLE]) == 0
     assert f"```text\n{capsys.readouterr().out}```\n" in PAGE
@@ -451,58 +374,53 @@ def test_the_page_shows_what_the_commands_print(
         (10_000, "in us, by its usual step of 1e.04$"),
     ],
 )
-def test_the_unit_of_a_clock_follows_from_its_usual_step(step: float, unit: str) -> None:
+def test_the_unit_of_a_clock_follows_from_its_usual_step(step, unit):
     stream = Stream("", {"time": np.arange(50) * step})
     assert re.match(unit, next(time_columns(stream))[2])
 
 
-def test_ticks_of_a_number_of_units_are_read(tmp_path: Path) -> None:
+def test_ticks_of_a_number_of_units_are_read(tmp_path):
     path = tmp_path / "swim.csv"
     columns = write_csv(path)
+    del columns["time"]
     table = np.loadtxt(path, delimiter=";", skiprows=1)
     table[:, 0] *= 10.0  # 100 us
     names = "ticks;a [deg/s];b [deg/s];c [deg/s];s1;s2;s3"
     np.savetxt(path, table, "%.12g", ";", header=names, comments="")
-    columns = {
-        **columns, "time:100us": "ticks", "gyro": "a [deg/s],b [deg/s],c [deg/s]",
-    }  # fmt: skip
-    del columns["time"]
-    np.testing.assert_allclose(read_log(path, columns).time, TIME, atol=1e-9)
-    del columns["time:100us"]
+    columns["gyro"] = "a [deg/s],b [deg/s],c [deg/s]"
+    log = read_log(path, {**columns, "time:100us": "ticks"})
+    np.testing.assert_allclose(log.time, TIME, atol=1e-9)
     with pytest.raises(InvalidArgumentError, match="the unit of time must be one of s, ms, us, ns"):
         read_log(path, {**columns, "time:ticks": "ticks"})
 
 
-def table(text: str | bytes, tmp_path: Path) -> Recording:
+def table(text, tmp_path):
     """Return a CSV's one stream, as it is read from a file."""
     path = tmp_path / "swim.csv"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return read_recording(path)
 
 
-TABLES: dict[str, tuple[Any, dict[str, list[float]], dict[str, str]]] = {
-    "empty cells": (
-        "a,b\n1,\n,2\nnan,n/a\n", {"a": [1, *2 * [np.nan]], "b": [np.nan, 2, np.nan]}, {},
-    ),
+EMPTY = [np.nan, np.nan]
+TABLES: dict[str, tuple[Any, dict[str, list[Any]], dict[str, str]]] = {
+    "empty cells": ("a,b\n1,\n,2\nnan,n/a\n", {"a": [1, *EMPTY], "b": [np.nan, 2, np.nan]}, {}),
     "short rows": ("a,b,c\n1,2\n1,2,3\n", {"a": [1, 1], "b": [2, 2], "c": [np.nan, 3]}, {}),
     "truths": ("a,b\nTrue,1\nfalse,2\n", {"a": [1, 0], "b": [1, 2]}, {}),
     "decimal commas": ("t;x\n0,01;-1,5e1\n0,02;2\n", {"t": [0.01, 0.02], "x": [-15, 2]}, {}),
-    "a row of units": (
-        "t,x\n[ms],°/s\n1,2\n2,3\n", {"t": [1, 2], "x": [2, 3]}, {"t": "ms", "x": "deg/s"},
-    ),
+    "a comma in a text": ('a,b\n"1,500",2\n', {"a": ["1,500"], "b": [2]}, {}),
+    "units": ("t,x\n[ms],°/s\n1,2\n2,3\n", {"t": [1, 2], "x": [2, 3]}, {"t": "ms", "x": "deg/s"}),
     "comments": ("# robot 7\n# of Monday\na,b\n1,2\n", {"a": [1], "b": [2]}, {}),
     "names of NumPy": ("# a b,c\n1,2\n", {"a b": [1], "c": [2]}, {}),
     "a spreadsheet's first line": ("sep=;\na;b\n1;2\n", {"a": [1], "b": [2]}, {}),
     "UTF-16": ("a,b\n1,2\n".encode("utf-16"), {"a": [1], "b": [2]}, {}),
     "old Windows": (
-        "a [°/s],b\n1,2\n".encode("cp1252"), {"a [°/s]": [1], "b": [2]},
-        {"a [°/s]": "deg/s"},
+        "a [°/s],b\n1,2\n".encode("cp1252"), {"a [°/s]": [1], "b": [2]}, {"a [°/s]": "deg/s"},
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_tables_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
+def test_tables_of_other_programs_are_read(name, tmp_path):
     text, columns, units = TABLES[name]
     (stream,) = table(text, tmp_path).streams
     assert stream.columns.keys() == columns.keys()
@@ -511,20 +429,13 @@ def test_tables_of_other_programs_are_read(name: str, tmp_path: Path) -> None:
     assert stream.units == units
 
 
-def test_a_decimal_comma_in_a_table_of_commas_is_a_text(tmp_path: Path) -> None:
-    (stream,) = table('a,b\n"1,500",2\n', tmp_path).streams
-    assert stream.columns["a"].tolist() == ["1,500"]
-
-
-def test_peaks_of_a_spectrum_are_no_gyroscope() -> None:
+def test_peaks_of_a_spectrum_are_no_gyroscope():
     names = [f"peak_frequencies_{axis}[0]" for axis in "xyz"]
     fft = Stream("sensor_gyro_fft", {name: np.arange(9.0) for name in names})
     assert gyroscopes(Recording("PX4 ULog", [fft], [])) == []
 
 
-def test_a_stream_is_listed_by_its_columns(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stream_is_listed_by_its_columns(tmp_path, capsys):
     write_parquet(tmp_path / "swim.parquet")
     assert main(["logs", str(tmp_path / "swim.parquet")]) == 0
     said = capsys.readouterr().out
@@ -537,208 +448,34 @@ def test_a_stream_is_listed_by_its_columns(
     assert "did you mean 'actuator_outputs'" in capsys.readouterr().err
 
 
-def test_the_example_of_ros_is_written_again_to_the_same_rows(tmp_path: Path) -> None:
-    import runpy
-
-    write = runpy.run_path(str(ROOT / "examples" / "recorded_ros_swim.py"))["RecordedRosSwim"]
-    write(out=tmp_path).execute()
-    committed, written = (
-        read_recording(folder / "swim.mcap").streams
-        for folder in (ROOT / "examples" / "logs", tmp_path)
-    )
-    for one, other in zip(committed, written, strict=True):
-        assert {name: cells.tolist() for name, cells in one.columns.items()} == {
-            name: cells.tolist() for name, cells in other.columns.items()
-        }
-
-
-def test_nothing_is_left_where_a_file_is_read(tmp_path: Path) -> None:
-    write_bin(tmp_path / "swim.BIN")
-    shutil.copy(tmp_path / "swim.BIN", tmp_path / "log")  # the name says nothing of the format
-    assert read_recording(tmp_path / "log").format == "ArduPilot BIN"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "swim.BIN"]
-
-
-def small_mcap(path: Path, messages: Iterable[bytes], **options: Any) -> None:
-    """Write messages of one topic, by default in JSON."""
-    from mcap.writer import Writer
-
-    kind, encoding = options.pop("kind", b"{}"), options.pop("encoding", "json")
-    with path.open("wb") as file:
-        log = Writer(file, **options)
-        log.start()
-        schema = log.register_schema("p/A", "ros1msg" if encoding == "ros1" else "jsonschema", kind)
-        channel = log.register_channel("/a", encoding, schema)
-        for number, message in enumerate(messages):
-            log.add_message(channel, 10**7 * number, message, 10**7 * number)
-        log.finish()
-
-
-def wide_csv(path: Path) -> None:
-    path.write_bytes(b"," * 11_999 + b"\n" + b"1\n" * 20_000)
-
-
-def wide_large_csv(path: Path) -> None:
-    path.write_bytes(b"," * 11_999 + b"\n" + b"1\n" * 600_000)
-
-
-def long_parquet(path: Path) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    zeros = pa.array(np.zeros(7_000_000))
-    parquet.write_table(pa.table({f"c{i}": zeros for i in range(10)}), path, compression="zstd")
-
-
-def lists_parquet(path: Path) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    parquet.write_table(pa.table({"a": pa.array([[0.0] * 64] * 100_000)}), path)
-
-
-def keys_mcap(path: Path) -> None:
-    small_mcap(path, (b'{"k%d":1}' % i for i in range(10_000)))
-
-
-def nested_mcap(path: Path) -> None:
-    text = "1"
-    for _ in range(4):
-        text = "[" + ",".join([text] * 60) + "]"
-    small_mcap(path, [text.encode()])
-
-
-def empty_elements_mcap(path: Path) -> None:
-    kind = b"E[] x\n" + b"=" * 80 + b"\nMSG: p/E\n"
-    message = struct.pack("<I", 2**31 - 1) + bytes(8)
-    small_mcap(path, [message], kind=kind, encoding="ros1")
-
-
-def nested_ulog(path: Path) -> None:
-    def message(kind: str, body: bytes) -> bytes:
-        return struct.pack("<HB", len(body), ord(kind)) + body
-
-    content = b"ULog\x01\x12\x35\x01" + bytes(8) + message("B", bytes(40))
-    for i in range(40):
-        content += message("F", f"t{i}:uint64_t timestamp;t{i + 1}[60] a;t{i + 1}[60] b;".encode())
-    content += message("F", b"t40:uint64_t timestamp;float x;") + message("A", bytes(3) + b"t0")
-    path.write_bytes(content + message("D", bytes(102)))
-
-
-BOMBS: dict[Callable[[Path], None], str] = {
-    wide_csv: "at most [0-9]* cells",
-    wide_large_csv: "at most [0-9]* cells",
-    long_parquet: "at most [0-9]* cells",
-    lists_parquet: "at most 0.25 GiB of memory|at most 2 s",
-    keys_mcap: "at most [0-9]* cells",
-    nested_mcap: "at most 50000 columns",
-    empty_elements_mcap: "at most 0.25 GiB of memory|at most 2 s",
-    nested_ulog: "at most 0.25 GiB of memory|at most 2 s",
-}
-
-
-@pytest.mark.parametrize("write", BOMBS)
-def test_a_small_file_that_states_a_large_log_is_refused_with_what_to_do(
-    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if "at most 2 s" in BOMBS[write]:
-        monkeypatch.setattr("eea.logs.child.most_seconds", lambda _size: 2.0)
-        monkeypatch.setattr("eea.logs.child.most_memory", lambda _size: 2**28)
-        monkeypatch.setattr("eea.logs.tables.most_memory", lambda _size: 2**28)
-    path = tmp_path / "swim.log"
-    write(path)
-    with pytest.raises(
-        InvalidArgumentError, match=f"log: .*({BOMBS[write]}).*smaller file"
-    ) as told:
-        read_recording(path)
-    assert "damaged" not in str(told.value)
-
-
-def test_a_file_that_takes_long_is_refused_with_what_to_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    empty_elements_mcap(tmp_path / "swim.mcap")
-    monkeypatch.setattr("eea.logs.child.most_seconds", lambda _size: 1.0)
-    with pytest.raises(InvalidArgumentError, match=r"at most 1 s; it takes longer: write the col"):
-        read_recording(tmp_path / "swim.mcap")
-
-
-def test_a_large_parent_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("eea.logs.child.most_memory", lambda _size: 2**28)
-    large = np.ones(2**26)  # 512 MiB
-    assert read_recording(ROOT / EXAMPLE).streams
-    assert large[-1] == 1.0
-
-
-def test_the_process_that_reads_ends_with_its_parent(tmp_path: Path) -> None:
-    empty_elements_mcap(tmp_path / "swim.mcap")
-    places = [str(ROOT / name) for name in ("aquafish_gym", "eea")]
-    words = [*places, "MCAP", str(tmp_path / "swim.mcap"), str(2**30), "60", *sys.path]
-    with subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as child:
-        try:
-            assert child.stdin is not None
-            child.stdin.close()  # as where the parent is killed
-            assert child.wait(timeout=20) == 1
-        finally:
-            child.kill()
-
-
-def test_a_file_beside_the_log_is_not_taken_for_a_library(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("mcap", "numpy", "json"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    assert read_recording(ROOT / EXAMPLE).streams
-
-
-def test_texts_of_a_log_come_through_the_process(tmp_path: Path) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    table = pa.table({
-        "mode": ["swim", "rest", None, "swim"], "on": [True, None, False, True],
-        "count": pa.array([1, None, 3, 2**40]), "number": ["1.5", "2", "3", "4"],
-    })  # fmt: skip
-    parquet.write_table(table, tmp_path / "swim.parquet")
-    (stream,) = read_recording(tmp_path / "swim.parquet").streams
-    assert stream.columns["mode"].tolist() == ["swim", "rest", None, "swim"]
-    np.testing.assert_array_equal(stream.columns["count"], [1.0, np.nan, 3.0, 2.0**40])
-    assert stream.columns["number"].tolist() == [1.5, 2.0, 3.0, 4.0]
-
-
-def held(recording: Recording) -> str:
+def held(recording):
     return str([
         (one.name, {name: cells.tolist() for name, cells in one.columns.items()})
         for one in recording.streams
     ])  # fmt: skip
 
 
-def mcaps() -> dict[str, dict[str, Any]]:
-    from mcap.writer import CompressionType
-
-    return {
-        "chunks": {"chunk_size": 500, "compression": CompressionType.NONE},
-        "compressed": {"chunk_size": 500, "compression": CompressionType.ZSTD},
-        "no chunks": {"use_chunking": False, "enable_data_crcs": True},
-    }
+def test_the_example_of_ros_is_written_again_to_the_same_rows(tmp_path):
+    write = runpy.run_path(str(ROOT / "examples" / "recorded_ros_swim.py"))["RecordedRosSwim"]
+    write(out=tmp_path).execute()
+    assert held(read_recording(tmp_path / "swim.mcap")) == held(read_recording(ROOT / EXAMPLE))
 
 
-@pytest.mark.parametrize("kind", ["chunks", "compressed", "no chunks"])
-def test_a_flipped_bit_of_an_mcap_is_refused_or_said(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read_here(monkeypatch)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"chunk_size": 500, "compression": CompressionType.NONE},
+        {"chunk_size": 500, "compression": CompressionType.ZSTD},
+        {"use_chunking": False, "enable_data_crcs": True},
+    ],
+)
+def test_a_flipped_bit_of_an_mcap_is_refused_or_said(options, tmp_path):
     path = tmp_path / "swim.mcap"
-    small_mcap(path, (b'{"x": %.4f}' % (0.1 + i / 999) for i in range(40)), **mcaps()[kind])
+    small_mcap(path, (b'{"x": %.4f}' % (0.1 + i / 999) for i in range(40)), **options)
     whole = path.read_bytes()
     good = held(read_recording(path))
     assert read_recording(path).remarks == []
-    changed = []
-    for at in np.random.default_rng(0).permutation(8 * len(whole))[:500].tolist():
+    for at in np.random.default_rng(0).permutation(8 * len(whole))[:300].tolist():
         content = bytearray(whole)
         content[at // 8] ^= 1 << at % 8
         path.write_bytes(content)
@@ -746,14 +483,10 @@ def test_a_flipped_bit_of_an_mcap_is_refused_or_said(
             recording = read_recording(path)
         except InvalidArgumentError:
             continue
-        if held(recording) != good and not recording.remarks:
-            changed.append(at)
-    assert not changed
+        assert held(recording) == good or recording.remarks, at
 
 
-def test_a_csv_that_ends_within_its_last_number_is_read_up_to_the_row_before(
-    tmp_path: Path,
-) -> None:
+def test_a_csv_that_ends_within_its_last_number_is_read_up_to_the_row_before(tmp_path):
     path = tmp_path / "swim.csv"
     path.write_text("time,x\n0,0.1234\n1,0.1234\n2,0.12")
     recording = read_recording(path)
@@ -769,24 +502,16 @@ TRICKS = "\x1b]0;title\x07", "\x1b[2Knote: all good", "\x9b2K", "\u202elacsuac"
 
 
 @pytest.mark.parametrize("name", ["csv", "mcap"])
-def test_names_of_a_log_reach_the_terminal_without_control_characters(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    import json
-
+def test_names_of_a_log_reach_the_terminal_without_control_characters(name, tmp_path, capsys):
     path = tmp_path / f"swim\x1b[2K.{name}"
     if name == "csv":
         lines = [",".join(["time", *TRICKS]), *(f"{0.01 * i},1,2,3,4" for i in range(30))]
         path.write_text("\n".join([*lines, ""]), newline="")
     else:
-        message = json.dumps(dict.fromkeys(TRICKS, 1.0)).encode()
-        small_mcap(path, [message, message])
-    said = []
+        small_mcap(path, 2 * [json.dumps(dict.fromkeys(TRICKS, 1.0)).encode()])
     known = ["logs"] if name == "csv" else ["logs", "--stream", "/a"]
     for command in (known, ["logs", "--stream", "\x1b[2J"], ["infer", "--log"]):
-        code = main([*command, str(path)])
-        said.append(capsys.readouterr())
-        assert code == (0 if command == known else 2)
-    for text in [text for each in said for text in each]:
-        assert all(one.isprintable() for one in text.replace("\n", "")), ascii(text)
-    assert "\\x1b" in said[0].out
+        assert main([*command, str(path)]) == (0 if command == known else 2)
+        said = capsys.readouterr()
+        assert (said.out + said.err).replace("\n", "").isprintable()
+        assert command != known or "\\x1b" in said.out

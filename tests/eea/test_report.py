@@ -1,4 +1,4 @@
-"""The report of a study: its table, its summary and the files that are refused."""
+"""The report of a study: its table, its summary, its figures and the files that are refused."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import shutil
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from aquafish_gym.utils.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
+from eea.study import figures
 from eea.study.report import markdown, report
 from eea.study.results import LAYOUT, RESULT_COLUMNS, read_study
 from eea.study.summary import summarize_study
-from study_folder import TRUTH, make_records, write_records, write_study
+from study_folder import LEVELS, TRUTH, make_records, write_records, write_study
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +25,10 @@ def folder(tmp_path_factory):
     folder = write_study(tmp_path_factory.mktemp("study") / "s", ("ideal", "out-of-band", "none"))
     report(folder)
     return folder
+
+
+def one_replicate(folder):
+    return write_study(folder, ("ideal",), (128,), seeds=1)
 
 
 def values(results, arm, steps, column="obj_fit"):
@@ -50,14 +56,18 @@ def test_every_file_is_written(folder):
     assert all(f"](figures/{name}.png)" in text for name in figures)
 
 
-def test_runs_and_their_table_alone_give_the_same_bytes(folder, tmp_path):
+def test_runs_and_their_table_alone_give_the_same_bytes(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "eea.study.report.save_study_figures", lambda *_: []
+    )  # plot's test has them
     other = shutil.copytree(folder, tmp_path / "s")
     shutil.rmtree(other / "runs")
     arms = json.loads((other / "study.json").read_text())["arms"]
     change(other, arms=dict(reversed(arms.items())))
-    for path in report(other):
-        if path.name != "summary.json":  # which has the arms in the order of study.json
-            assert path.read_bytes() == (folder / path.relative_to(other)).read_bytes(), path
+    report(other)
+    before, after = ((one / "summary.md").read_text() for one in (folder, other))
+    assert after.partition("## Figures")[0] == before.partition("## Figures")[0]
+    assert (other / "results.csv").read_bytes() == (folder / "results.csv").read_bytes()
 
 
 def test_an_arm_is_named_by_its_choices(folder, tmp_path):
@@ -158,7 +168,7 @@ def test_a_replicate_without_its_last_rounds_is_damaged(tmp_path):
 
 
 def test_a_study_of_one_replicate_has_no_intervals(tmp_path):
-    folder = write_study(tmp_path / "s", ("none", "in-band"), (128,), seeds=1, rounds=1)
+    folder = write_study(tmp_path / "s", ("none",), (128,), seeds=1, rounds=1)
     report(folder, ("svg",))
     fit = json.loads((folder / "summary.json").read_text())["fitness"][0]["objective_fitness"]
     assert (fit["replicates"], fit["sd"], fit["interval"]) == (1, None, None)
@@ -166,35 +176,29 @@ def test_a_study_of_one_replicate_has_no_intervals(tmp_path):
     assert {path.suffix for path in (folder / "figures").iterdir()} == {".svg"}
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda lines: lines[1:],  # no names
-        lambda _: [],
-        lambda _: ["\0\xff" * 100],
-    ],
-)
-def test_a_damaged_table_is_refused(tmp_path, damage):
-    folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
+def test_a_damaged_table_is_refused(tmp_path):
+    folder = one_replicate(tmp_path / "s")
     lines = read_study(folder).to_csv().splitlines(keepends=True)
     shutil.rmtree(folder / "runs")
-    (folder / "results.csv").write_text("".join(damage(lines)))
-    with pytest.raises(DamagedFileError, match="is damaged"):
-        report(folder)
+    for wrong in (lines[1:], [], ["\0\xff" * 100]):  # the first without names
+        (folder / "results.csv").write_text("".join(wrong))
+        with pytest.raises(DamagedFileError, match="is damaged"):
+            report(folder)
 
 
 def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"must hold a study.*it has no study\.json"):
+    with pytest.raises(ConfigurationError, match=r"no study\.json"):
         report(tmp_path)
-    folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
+    folder = one_replicate(tmp_path / "s")
     shutil.rmtree(folder / "runs")
-    with pytest.raises(ConfigurationError, match="no finished replicate yet"):
+    with pytest.raises(ConfigurationError, match="no finished replicate"):
         report(folder)
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
+def test_a_damaged_description_is_refused(tmp_path):
+    folder = one_replicate(tmp_path / "s")
+    whole = (folder / "study.json").read_text()
+    for changed in (
         {"rounds": None},
         {"arms": []},
         {"arms": {"ideal": 5}},
@@ -202,10 +206,64 @@ def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
         {"replicates": {"ideal": {"128": {}}}},
         {"target_morphology": {"tail": [1, 2, 3]}},
         {"target_damage": ["left_fin:dead"]},
-    ],
-)
-def test_a_damaged_description_is_refused(tmp_path, changed):
-    folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
-    change(folder, **changed)
-    with pytest.raises(DamagedFileError, match=r"study\.json"):
-        read_study(folder)
+    ):
+        (folder / "study.json").write_text(whole)
+        change(folder, **changed)
+        with pytest.raises(DamagedFileError, match=r"study\.json"):
+            read_study(folder)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drawn") / "s"
+    results = read_study(write_study(folder, tuple(LEVELS), (128, 256, 512, 1024), 5, 6))
+    return results, summarize_study(results)
+
+
+def texts_drawn(figure, monkeypatch):
+    """Return the texts that a figure shows, and their boxes."""
+    boxes = []
+    draw = Text.draw
+
+    def note(self, renderer):
+        draw(self, renderer)
+        if self.get_visible() and self.get_text().strip():
+            boxes.append((self.get_text(), self.get_window_extent(renderer)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Text, "draw", note)
+        figure.canvas.draw()
+    return boxes
+
+
+def test_no_text_is_cut_off_or_covers_another(drawn, monkeypatch):
+    for name, figure in figures.study_figures(*drawn).items():
+        boxes = texts_drawn(figure, monkeypatch)
+        assert len(boxes) > 5
+        width, height = figure.get_size_inches() * figure.dpi
+        for i, (text, box) in enumerate(boxes):
+            inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
+            assert inside, f"{name}: {text!r} is cut off"
+            for other, second in boxes[:i]:
+                across = min(box.x1, second.x1) - max(box.x0, second.x0)
+                along = min(box.y1, second.y1) - max(box.y0, second.y0)
+                assert across < 1 or along < 1, f"{name}: {text!r} covers {other!r}"
+
+
+def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(drawn):
+    results, summary = drawn
+    axes, below = figures.rounds_figure(results, summary, "in-band").axes
+    lines = {line.get_label(): line for line in axes.lines}
+    for steps in (128, 256, 512, 1024):
+        curves = results.curves("in-band", "obj_fit", [steps]).to_numpy()
+        assert lines[f"{steps} steps"].get_ydata() == pytest.approx(curves.mean(axis=0))
+    assert below.lines[-1].get_ydata() == pytest.approx(curves.std(axis=0, ddof=1))
+
+
+def test_inferred_angles_are_in_degrees(drawn):
+    results, _ = drawn
+    axes = figures.angles_figure(results).axes[1]
+    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert not any(label.startswith("Ideal") for label in lines)
+    curves = results.curves("none", "angle_error.right_pectoral").to_numpy()
+    assert lines["None (assumes zero) (n = 5)"] == pytest.approx(np.degrees(curves.mean(axis=0)))

@@ -38,6 +38,14 @@ def with_numbers(robot, **numbers):
     return replace(robot, numbers={**robot.numbers, **numbers})
 
 
+def record(simulate, values, inputs, sd=0.0, rng=0):
+    """Return a trial of a simulator, with white noise; ``values`` are one each."""
+    one = {name: np.array([value]) for name, value in values.items()}
+    signal = simulate(one, None if inputs is None else inputs[None])[0]
+    noise = np.random.default_rng(rng).normal(0.0, sd, signal.shape)
+    return Trial(signal + noise, inputs)
+
+
 def measured(rng, push=PUSH, sd=SD, correlation=0.0, **values):
     """Return a recorded trial; ``values`` differ from ``TRUTH``."""
     numbers = {name: np.array([value]) for name, value in {**TRUTH, **values}.items()}

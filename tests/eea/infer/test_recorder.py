@@ -26,11 +26,15 @@ CART = Robot(
 )
 
 
+def exactly(truth, push):
+    return roll({name: np.array([value]) for name, value in truth.items()}, push[None])[0]
+
+
 def drawn(rng, noise):
     """Return the truth, a push and a recorded signal (T, 2)."""
     truth = {"gain": rng.uniform(0.5, 2.5), "offset": 0.5 * rng.normal(), "drift": 1.5}
     push = np.sin(rng.uniform(0.5, 2.0) * TIME + rng.uniform(0.0, 6.0))
-    signal = roll({name: np.array([value]) for name, value in truth.items()}, push[None])[0]
+    signal = exactly(truth, push)
     return truth, push, signal + noise * rng.normal(size=signal.shape)
 
 
@@ -44,7 +48,7 @@ def said_of(signal, push, robot=CART):
 
 def test_intervals_hold_where_readings_come_in_steps():
     held = 0
-    for seed in range(30):
+    for seed in range(20):
         truth, push, signal = drawn(np.random.default_rng(seed), 0.05)
         found = CART.infer([Trial(rounded(signal, 0.5), push)], config=QUICK)
         assert found.good, found.verdict
@@ -56,7 +60,7 @@ def test_intervals_hold_where_readings_come_in_steps():
         for name, (_, low, high) in found.table(MASS).items():
             held += low <= truth[name] <= high
             assert high - low < 0.5
-    assert held >= 78  # of 90: 90% intervals
+    assert held >= 52  # of 60: 90% intervals
 
 
 @pytest.mark.parametrize("kind", ["noise", "single", "fine", "exact", "square", "exact square"])
@@ -65,9 +69,9 @@ def test_a_clean_signal_has_no_finding(kind):
     for _ in range(5):
         truth, push, signal = drawn(rng, 0.0 if "exact" in kind else 0.2)
         if "square" in kind:
-            noise = signal - roll({n: np.array([v]) for n, v in truth.items()}, push[None])[0]
+            noise = signal - exactly(truth, push)
             push = np.sign(push)
-            signal = roll({n: np.array([v]) for n, v in truth.items()}, push[None])[0] + noise
+            signal = exactly(truth, push) + noise
         signal = rounded(signal, 0.1) if kind == "fine" else signal
         assert said_of(signal.astype(np.float32) if kind == "single" else signal, push) == ()
 
@@ -86,18 +90,15 @@ def test_switches_and_counts_are_not_rounded_readings(most):
         assert said_of(signal[:, None].astype(float), push, counter) == ()
 
 
-def test_a_channel_at_its_end_is_named():
+def test_a_channel_at_its_end_and_a_held_reading_are_named():
     _, push, signal = drawn(np.random.default_rng(3), 0.2)
-    signal[:, 0] = np.minimum(signal[:, 0], np.quantile(signal[:, 0], 0.85))
+    end = np.quantile(signal[:, 0], 0.85)
+    signal[:, 0] = np.minimum(signal[:, 0], end)
     assert said_of(signal, push) == (
-        f"encoder is at its end, {signal[:, 0].max():g} m, in 30 of 200 rows: they are left out",
+        f"encoder is at its end, {end:g} m, in 30 of 200 rows: they are left out",
     )
-    signal[signal[:, 0] == signal[:, 0].max(), 0] = np.nan
+    signal[signal[:, 0] == end, 0] = np.nan
     assert said_of(signal, push) == ()
-
-
-def test_a_held_reading_is_named():
-    _, push, signal = drawn(np.random.default_rng(4), 0.2)
     signal[:, 1] = np.repeat(signal[::5, 1], 5)
     said = "gauge repeats the reading before in 160 of 200 rows: they are left out"
     assert said_of(signal, push) == (said,)
@@ -108,14 +109,14 @@ def test_a_held_reading_is_named():
 @pytest.mark.parametrize("kind", ["two rows", "decimals", "by chance", "rest", "filled up"])
 def test_intervals_hold_where_readings_are_repeated(kind):
     held = good = 0
-    for seed in range(30):
+    count = 30 if kind == "by chance" else 10
+    for seed in range(count):
         rng = np.random.default_rng(seed)
         truth, push, signal = drawn(rng, 0.2)
         if kind == "rest":
             push[40:] = 0.0  # 160 readings at rest, without noise
-            values = {name: np.array([value]) for name, value in truth.items()}
             noise = np.where(push == 0.0, 0.0, 0.2 * rng.normal(size=ROWS))
-            signal = roll(values, push[None])[0] + noise[:, None]
+            signal = exactly(truth, push) + noise[:, None]
         elif kind == "filled up":
             signal[150:] = signal[149]
         else:
@@ -126,5 +127,5 @@ def test_intervals_hold_where_readings_are_repeated(kind):
         good += found.good
         assert all("they are left out" in said for said in found.findings[-2:])
         held += sum(low <= truth[n] <= high for n, (_, low, high) in found.table(MASS).items())
-    assert good >= 28
-    assert held >= 75  # of 90: 90% intervals
+    assert good >= count - max(count // 15, 1)
+    assert held >= 2.5 * count  # 90% intervals of three numbers
