@@ -26,16 +26,6 @@ def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
     assert max(map(len, done.stdout.splitlines())) <= 100
 
 
-@pytest.mark.parametrize(("wrong", "right"), [("evolv", "evolve"), ("recovr", "recover")])
-def test_an_unknown_command_names_the_nearest(
-    wrong: str, right: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([wrong]) == 2
-    said = capsys.readouterr().err
-    assert f"did you mean {right!r}?" in said
-    assert len(said.splitlines()) == 1
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name, "--help"]) == 0

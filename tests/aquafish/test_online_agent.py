@@ -14,7 +14,7 @@ import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent, thresholds
 from aquafish.online.belief import SurpriseMonitor, Water
 from aquafish.online.calibration import ErrorCalibration
-from aquafish.online.case import Case, Moment, Moments
+from aquafish.online.case import Moment, Moments
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import (
     ControllerGait,
@@ -35,6 +35,8 @@ from aquafish_gym.world_config import WorldConfig
 from gait import EvolveConfig, evaluate, evolve_gait
 
 QUICK = AgentConfig(seconds=60.0, generations=2, refinements=1)
+UNREFINED = AgentConfig(refinements=0)
+NOISY = AgentConfig(gyro_noise=0.01, refinements=0)
 
 
 def swim(
@@ -79,27 +81,23 @@ def test_the_same_seed_gives_the_same_actions() -> None:
     np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"current": (0.15, -0.1, 0.0)}],
-    ids=["still", "current"],
-)
+@pytest.mark.parametrize("options", [{}, {"current": (0.15, -0.1, 0.0)}])
 def test_nothing_alarms_it_while_nothing_breaks(options: dict[str, Any]) -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, _, _ = swim("gyro:noise=0.01", 300, noisy, **options)
+    agent, _, _ = swim("gyro:noise=0.01", 300, NOISY, **options)
     assert whats(agent) == ["chose"]
 
 
 @pytest.mark.slow
 def test_in_water_with_added_mass_it_swims_another_gait_without_an_alarm() -> None:
-    noisy = AgentConfig(gyro_noise=0.01, generations=20, refinements=1)
-    agent, info, _ = swim("gyro:noise=0.01", 300, noisy, reactive=True)
+    refining = AgentConfig(gyro_noise=0.01, generations=20, refinements=1)
+    agent, info, _ = swim("gyro:noise=0.01", 300, refining, reactive=True)
     assert whats(agent) == ["water", "chose", "refined", "chose", "refined"]
     assert agent.events[0].about == "added mass"
     assert agent.model.robot.reactive
     assert info["y_position"] > 35.0  # the library's first gait makes 31
 
 
+@pytest.mark.slow
 def test_it_refines_the_whole_robots_gait_when_it_is_calibrated() -> None:
     agent, info, _ = swim("none", 299, AgentConfig(generations=40, refinements=2))
     assert whats(agent) == ["chose", "refined", "refined"]
@@ -125,17 +123,11 @@ def test_it_may_choose_gaits_that_it_refined_before(monkeypatch: pytest.MonkeyPa
     assert candidates[0] == len(library) < candidates[-1]
 
 
+@pytest.mark.slow
 def test_in_an_episode_of_any_length_it_thinks_a_minute_ahead() -> None:
     agent, _, _ = swim("caudal:missing@13", 80, AgentConfig(1e5, generations=2, refinements=1))
     assert whats(agent).count("refined") >= 2
     assert all(10.0 < float(e.about.split()[-2]) < 70.0 for e in agent.events if e.what == "chose")
-
-
-def test_in_an_episode_that_goes_on_beyond_its_length_it_still_changes_its_gait() -> None:
-    agent, _, _ = swim("caudal:missing@13", 80, AgentConfig(11.0, generations=2, refinements=1))
-    assert "chose" in [event.what for event in agent.events if event.seconds > 13]
-    with pytest.raises(AttributeError):
-        agent.config = QUICK  # part of it would be used, and part not
 
 
 def test_swim_until_sets_the_time_for_which_gaits_are_compared() -> None:
@@ -153,10 +145,9 @@ def test_swim_until_sets_the_time_for_which_gaits_are_compared() -> None:
     assert whats(agent) == ["chose"]
 
 
-@pytest.mark.parametrize("onset", [1.0, 3.0, 9.8])
+@pytest.mark.parametrize("onset", [1.0, 9.8])
 def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: float) -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, info, _ = swim(f"gyro:noise=0.01; caudal:weak=0.4@{onset}", 75, noisy)
+    agent, info, _ = swim(f"gyro:noise=0.01; caudal:weak=0.4@{onset}", 75, NOISY)
     alarm, first, *_ = (event for event in agent.events if event.what != "chose")
     assert (alarm.what, onset < alarm.seconds <= onset + 0.6) == ("alarm", True)
     assert first.what == "inferred"
@@ -167,7 +158,7 @@ def test_a_fault_in_the_first_ten_seconds_is_noticed_and_named_at_once(onset: fl
 @pytest.mark.parametrize("damage", ["right_pectoral:width=0.8", "caudal:weak=0.9"])
 def test_a_mild_fault_in_the_first_ten_seconds_is_taken_for_no_current(damage: str) -> None:
     """A filter whose current wanders is surprised by it an action later than the others."""
-    agent, _, _ = swim(f"{damage}@4", 40, AgentConfig(refinements=0))
+    agent, _, _ = swim(f"{damage}@4", 40, UNREFINED)
     assert {event.about for event in agent.events if event.what == "inferred"} == {
         Damage.parse(damage).said()
     }
@@ -175,18 +166,17 @@ def test_a_mild_fault_in_the_first_ten_seconds_is_taken_for_no_current(damage: s
     np.testing.assert_array_equal(agent.model.model_error, thresholds.RECOGNISED_ERROR)
 
 
+@pytest.mark.slow
 def test_a_fin_and_a_sensor_that_break_at_once_are_both_named() -> None:
     """The sensor is lost in the observation that ends an action, the fin in the next action."""
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, info, _ = swim("gyro:noise=0.01; caudal:missing@15; north_y:dropped@15", 95, noisy)
+    agent, info, _ = swim("gyro:noise=0.01; caudal:missing@15; north_y:dropped@15", 95, NOISY)
     assert agent.events[-1].about == "the tail is missing and north_y gives no readings"
     assert "unknown" not in whats(agent)
     np.testing.assert_array_equal(agent.model.robot.body[0], info["morphology"])
 
 
 def test_damage_from_the_start_is_found_after_two_seconds() -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, info, _ = swim("gyro:noise=0.01; left_pectoral:missing; caudal:weak=0.6", 30, noisy)
+    agent, info, _ = swim("gyro:noise=0.01; left_pectoral:missing; caudal:weak=0.6", 30, NOISY)
     assert whats(agent)[:2] == ["inferred", "chose"]
     assert agent.events[0].seconds == pytest.approx(2.0)
     np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
@@ -198,8 +188,7 @@ def test_a_current_that_begins_changes_no_gait() -> None:
         def current(self, memory: Any, seconds: Any) -> Any:  # noqa: ARG002
             return (-0.12 * (seconds >= 15.0), 0.21 * (seconds >= 15.0), 0.0)
 
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, _, _ = swim("gyro:noise=0.01", 110, noisy, task=Kick(seconds=60.0))
+    agent, _, _ = swim("gyro:noise=0.01", 110, NOISY, task=Kick(seconds=60.0))
     assert whats(agent)[:3] == ["chose", "alarm", "inferred"]
     assert whats(agent).count("chose") == 1
     for event in agent.events[2:]:
@@ -223,7 +212,7 @@ class TurningCurrent(CompiledWorld):
 
 
 def test_where_the_current_wanders_it_is_no_fault_and_a_fault_is_named() -> None:
-    agent, info, _ = swim("left_pectoral:length=0.5@20", 150, engine=TurningCurrent)
+    agent, info, _ = swim("left_pectoral:length=0.5@20", 120, UNREFINED, engine=TurningCurrent)
     assert [e.about for e in agent.events if e.what == "water"] == ["a current that wanders"]
     (alarm,) = (event.seconds for event in agent.events if event.what == "alarm")
     assert 20.0 < alarm <= 20.6
@@ -234,7 +223,7 @@ def test_where_the_current_wanders_it_is_no_fault_and_a_fault_is_named() -> None
 
 def test_a_slow_thinker_uses_what_it_found_seconds_before() -> None:
     slow = AgentConfig(refinements=0, inference_seconds=4.0)
-    agent, info, _ = swim("caudal:missing@12", 130, slow)
+    agent, info, _ = swim("caudal:missing@12", 100, slow)
     (first, *_) = (event for event in agent.events if event.what == "inferred")
     assert first.about == "the tail is missing"
     np.testing.assert_array_equal(agent.model.robot.body[0], info["morphology"])
@@ -251,17 +240,9 @@ def test_only_the_latest_moments_are_kept() -> None:
         moments.since(6)
 
 
-def test_what_it_took_for_one_fault_is_explained_again_at_an_alarm_soon_after() -> None:
-    case = Case(100, [Scenario.create()], [Damage()], 97, [1])
-    assert case.inferences == 1
-    later = Case(115, [Scenario.create()] * 2, [Damage()] * 2, 112, [1], case)
-    assert later.inferences == 3
-
-
 def test_what_none_of_its_words_says_is_fitted_as_all_sizes_and_gains() -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     damage = "gyro:noise=0.01; caudal:thickness=0.25@15; right_pectoral:thickness=2.6@15"
-    agent, info, _ = swim(damage, 100, noisy)
+    agent, info, _ = swim(damage, 100, NOISY)
     assert whats(agent)[1:4] == ["alarm", "inferred", "chose"]
     assert agent.events[2].about.startswith("the right flipper has 260% of its thickness")
     np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.01)
@@ -271,36 +252,30 @@ def test_what_none_of_its_words_says_is_fitted_as_all_sizes_and_gains() -> None:
 
 
 def test_what_no_sizes_and_gains_explain_is_unknown_and_changes_nothing() -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, _, _ = swim("gyro:noise=0.01; left_pectoral:hold=0.6@15", 120, noisy)
+    agent, _, _ = swim("gyro:noise=0.01; left_pectoral:hold=0.6@15", 120, NOISY)
     assert whats(agent) == ["chose", "alarm", "inferred", "unknown"]
     np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
     np.testing.assert_array_equal(agent.model.robot.servo_gain, 1.0)
 
 
 def test_it_becomes_whole_again_when_a_fault_ends() -> None:
-    agent, _, _ = swim("right_pectoral:seized@15+10", 170)
+    agent, _, _ = swim("right_pectoral:seized@15+10", 150, UNREFINED)
     about = [event.about for event in agent.events if event.what == "inferred"]
     assert about[0] == "the right flipper is seized"
     assert about[-1] == "nothing is broken"
     np.testing.assert_array_equal(agent.model.robot.servo_gain, [[1.0, 1.0, 1.0]])
 
 
-def test_a_broken_sensor_is_left_out() -> None:
-    agent, _, _ = swim("gyro_y:dropped@15", 130)
-    assert np.flatnonzero(np.isinf(agent.model.noise)).tolist() == [7]
-
-
+@pytest.mark.slow
 def test_a_little_more_noise_is_one_alarm_and_no_fault_of_a_fin() -> None:
-    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
-    agent, _, _ = swim("gyro:noise=0.01; gyro:noise=0.021@20", 300, noisy)
+    agent, _, _ = swim("gyro:noise=0.01; gyro:noise=0.021@20", 300, NOISY)
     assert whats(agent).count("alarm") == 1
     assert agent.events[-1].about.startswith("the gyroscope has noise of 0.02")
     np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
 
 
 def test_a_sensor_that_works_again_is_used_again() -> None:
-    agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 150)
+    agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 140, UNREFINED)
     about = [event.about for event in agent.events if event.what == "inferred"]
     assert about[0].startswith("gyro_y gives no readings and gyro_x is off by ")
     assert float(about[0].split()[-2]) == pytest.approx(0.2, abs=0.002)
@@ -311,7 +286,9 @@ def test_a_sensor_that_works_again_is_used_again() -> None:
 
 def test_a_second_fault_is_recognised_beside_the_first() -> None:
     # A teacher may not move the tail: nothing can show then that its servo is weak.
-    agent, info, _ = swim("right_pectoral:missing@15; caudal:weak=0.4@19", 150, teachers=())
+    agent, info, _ = swim(
+        "right_pectoral:missing@15; caudal:weak=0.4@19", 115, UNREFINED, teachers=()
+    )
     np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.03)
 

@@ -33,8 +33,8 @@ from aquafish_gym.rendering import film
 from aquafish_gym.runs.command_line import read_morphology
 from gait.controllers.controller import Controller
 from tests.browser import browser
-from tests.golden import RECOVER, digest, kept
 from tests.golden import SMALL_STUDY as SMALL
+from tests.golden import digest, kept
 from tests.in_process import jobs_in_process
 from tests.pictures import is_drawn
 
@@ -66,7 +66,7 @@ def results(out: Path) -> dict[str, bytes]:
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("recovery") / "study"
     with jobs_in_process():
-        done = recover(out, *SMALL, "--replicates", "2")
+        done = recover(out, *SMALL)
     assert done.returncode == 0, done.stderr
     return out
 
@@ -114,17 +114,14 @@ def test_the_report_holds_every_treatment(study: Path) -> None:
 def test_the_command_ends_with_the_path_of_one_small_page(study: Path, again: Path) -> None:
     page = again / "report.html"
     page.unlink()
-    done = recover(again, *SMALL, "--replicates", "2", "--redraw")
+    done = recover(again, *SMALL, "--redraw")
     assert done.stdout.splitlines()[-1] == str(page)
     assert page.stat().st_size < 1_000_000
     assert page.read_bytes() == (study / "report.html").read_bytes()
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_fewer_replicates_give_the_report_of_these(again: Path) -> None:
-    """And that of the golden case, which was computed without the other replicate."""
-    assert main([*RECOVER, "--out", str(again)]) == 0
-    assert digest("recover", again) == kept()["recover"]
+def test_the_study_is_the_golden_case(study: Path) -> None:
+    assert digest("recover", study) == kept()["recover"]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -144,7 +141,7 @@ def test_nothing_that_a_report_holds_is_markup_of_its_page(
         return str(report_page(job, outcomes, report, *rest))
 
     monkeypatch.setattr("aquafish.recovery.page.report_page", page_of_hostile)
-    assert recover(again, *SMALL, "--replicates", "2", "--redraw").returncode == 0
+    assert recover(again, *SMALL, "--redraw").returncode == 0
     text = (again / "report.html").read_text()
     assert hostile not in text
     assert text.count(html.escape(hostile)) == 2
@@ -152,30 +149,31 @@ def test_nothing_that_a_report_holds_is_markup_of_its_page(
     assert not re.search(r"<[^>]* (style|on\w+)=", text)
 
 
-@pytest.mark.parametrize("size", [(1100, 800), (390, 800)])
-def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[int, int]) -> None:
+def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path) -> None:
     address = (study / "report.html").as_uri()
     with browser(tmp_path) as page:
-        page.open(address, *size)
-        page.wait("document.querySelector('.replay')?.dataset.ready === 'yes'")
-        page.wait("[...document.images].every(image => image.naturalWidth > 0)")
-        assert page.value("document.images.length") == 2
-        title = page.value("document.querySelector('h1').textContent")
-        assert title.startswith("The left flipper has 50% of its length.")
-        assert "joint inference (fins known)" in title  # a row of the plot below
-        edges = "[...document.images].map(image => image.getBoundingClientRect().right)"
-        assert max(page.value(edges)) <= size[0]  # whole, not cut off
-        assert page.value("document.documentElement.scrollWidth") <= size[0]
-        page.value("document.querySelector('.replay input').focus()")
-        page.key("End")
-        page.wait("document.querySelector('.replay button').textContent === 'again'")
-        assert page.errors == []
-        assert page.requests == [address]
+        for size in ((1100, 800), (390, 800)):
+            page.requests.clear()
+            page.open(address, *size)
+            page.wait("document.querySelector('.replay')?.dataset.ready === 'yes'")
+            page.wait("[...document.images].every(image => image.naturalWidth > 0)")
+            assert page.value("document.images.length") == 2
+            title = page.value("document.querySelector('h1').textContent")
+            assert title.startswith("The left flipper has 50% of its length.")
+            assert "joint inference (fins known)" in title  # a row of the plot below
+            edges = "[...document.images].map(image => image.getBoundingClientRect().right)"
+            assert max(page.value(edges)) <= size[0]  # whole, not cut off
+            assert page.value("document.documentElement.scrollWidth") <= size[0]
+            page.value("document.querySelector('.replay input').focus()")
+            page.key("End")
+            page.wait("document.querySelector('.replay button').textContent === 'again'")
+            assert page.errors == []
+            assert page.requests == [address]
 
 
 def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
     for treatment, spec in TREATMENTS.items():
-        folder = study / "seed-001" / treatment
+        folder = study / "seed-000" / treatment
         controller = Controller.load(folder / "controller.json")
         body = read_morphology(folder / "morphology.json", "morphology")
         if spec.model == "joint":
@@ -189,7 +187,7 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
             assert body.left_pectoral[1] == pytest.approx(0.8, abs=0.02)
             # The first refinement is quick.
             assert controller.nodes <= thresholds.MAXIMUM_REFINED_NODES
-            assert controller.to_dict() not in [gait.to_dict() for gait in load_library()]
+            assert controller.to_dict() != load_library()[0].to_dict()  # that of a whole robot
         else:
             assert body == controller.morphology
 
@@ -208,7 +206,7 @@ def test_without_pybullet_nothing_is_missing(study: Path, again: Path) -> None:
     )
     usual = [word for word in SMALL if word not in ("--target-engine", "numba")]
     done = subprocess.run(
-        [sys.executable, "-c", hidden, "recover", "--out", str(again), *usual, "--replicates", "2",
+        [sys.executable, "-c", hidden, "recover", "--out", str(again), *usual,
          "--workers", "1"],
         capture_output=True,
         text=True,
@@ -229,14 +227,14 @@ def test_another_configuration_in_the_same_folder_is_refused(study: Path) -> Non
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> None:
-    shutil.rmtree(again / "seed-001" / "out-of-band")
+    shutil.rmtree(again / "seed-000" / "out-of-band")
     for treatment in FAST_TREATMENTS:
-        (again / "seed-001" / treatment / "outcome.json").unlink()
-    done = recover(again, *SMALL, "--replicates", "2", "--redraw")
+        (again / "seed-000" / treatment / "outcome.json").unlink()
+    done = recover(again, *SMALL, "--redraw")
     assert done.returncode == 2
-    assert "lacks seed 1, " in done.stderr
-    whole = 2 * len(TREATMENTS)
-    process = begin(again, "--replicates", "2", "--workers", "1")
+    assert "lacks seed 0, " in done.stderr
+    whole = len(TREATMENTS)
+    process = begin(again, "--workers", "1")
     wait_for_outcomes(process, again, whole - len(FAST_TREATMENTS))
     os.kill(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
@@ -245,7 +243,7 @@ def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> N
     assert "Traceback" not in errors
     assert len(list(again.glob("seed-*/*/outcome.json"))) < whole
     with jobs_in_process():
-        assert recover(again, *SMALL, "--seeds", "2", "--workers", "1").returncode == 0
+        assert recover(again, *SMALL, "--seeds", "1", "--workers", "1").returncode == 0
     assert results(again) == results(study)
 
 
@@ -253,7 +251,7 @@ def test_an_interrupted_study_resumes_to_the_byte(study: Path, again: Path) -> N
 def test_the_example_is_the_command(
     study: Path, again: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["--out", str(again), *SMALL, "--engine", "numba", "--seeds", "2", "--redraw"]
+    words = ["--out", str(again), *SMALL, "--engine", "numba", "--seeds", "1", "--redraw"]
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), *words])
     (again / "report.json").unlink()
     with pytest.raises(SystemExit) as left:
@@ -270,7 +268,7 @@ def test_redraw_adds_the_film(again: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(figures, "save_figure", lambda *_: None)
     monkeypatch.setattr(figures, "encode_figure", lambda *_: b"<svg/>")
     words = [word for word in SMALL if word != "--no-film"]
-    done = recover(again, *words, "--replicates", "2", "--redraw")
+    done = recover(again, *words, "--redraw")
     assert done.returncode == 0, done.stderr
     with Image.open(again / "film.webp") as drawn:
         assert drawn.n_frames > 10
@@ -279,7 +277,7 @@ def test_redraw_adds_the_film(again: Path, monkeypatch: pytest.MonkeyPatch) -> N
     drawn_again = []
     monkeypatch.setattr(figures, "film", lambda _swims, path, *_: drawn_again.append(path.name))
     with jobs_in_process():
-        assert recover(again, *words, "--replicates", "2").returncode == 0
+        assert recover(again, *words).returncode == 0
     assert "film.webp" not in drawn_again
     assert "(film.webp)" in (again / "report.md").read_text()
 
@@ -292,7 +290,7 @@ def test_a_dask_cluster_gives_the_same_bytes(study: Path, tmp_path: Path) -> Non
         n_workers=2, threads_per_worker=1, dashboard_address=None
     ) as cluster:
         out = tmp_path / "out"
-        process = begin(out, "--replicates", "2", "--scheduler", cluster.scheduler_address)
+        process = begin(out, "--scheduler", cluster.scheduler_address)
         wait_for_outcomes(process, out, 1)
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         _, errors = process.communicate(timeout=300)

@@ -1,4 +1,4 @@
-"""The report of the case study follows from the outcomes alone."""
+"""The report and the page of the case study follow from the outcomes alone."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from aquafish.recovery import figures
-from aquafish.recovery.command import REPORT_SCHEMA
-from aquafish.recovery.report import build_report, to_markdown
+from aquafish.recovery.command import REPORT_SCHEMA, CaseStudy
+from aquafish.recovery.report import build_report, shown_replicate, to_markdown
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.utils.storage import encode_document
 
@@ -48,6 +48,20 @@ def test_the_picture_of_the_bodies_says_how_the_damage_is_marked(
     job: Any = SimpleNamespace(morphology=healthy, target=Damage.parse(damage).apply(healthy))
     first = figures.bodies_figure(job, report["replicates"]).axes[0]
     assert first.get_title() == f"the damaged robot\n{mark}"
+
+
+def test_the_figure_of_several_replicates_shows_each_and_their_mean(report: dict[str, Any]) -> None:
+    outcomes = report["replicates"]
+    axes = figures.distances_figure(outcomes).axes[0]
+    assert axes.get_figure().get_supxlabel().endswith("; 10 replicates")
+    means = [
+        5.0 * np.mean([one["target_random_distances"] for one in several])
+        for several in outcomes.values()
+    ]
+    shown = [text.get_text() for text in axes.texts]
+    assert shown == [f"{mean:z.0f} cm" for mean in means]
+    each = [line for line in axes.lines if len(line.get_xdata()) == 10]
+    np.testing.assert_allclose([np.mean(line.get_xdata()) for line in each], means)
 
 
 def test_without_a_distance_of_the_oracle_there_is_no_share(report: dict[str, Any]) -> None:
@@ -107,3 +121,26 @@ def test_the_report_of_one_replicate_says_how_far_each_gait_swims(report: dict[s
         f"old gait swims {far['undamaged']}, one gait for any damage {far['randomised']}, and that "
         f"of the oracle, true body, {far['oracle']}."
     ) in text
+
+
+@pytest.mark.parametrize(
+    ("gains", "shown"), [([3.0], 0), ([1.0, 9.0, 2.0], 2), ([4.0, 3.0, 2.0, 1.0], 2), ([1, 1], 0)]
+)
+def test_the_shown_replicate_has_the_median_gain(gains: list[float], shown: int) -> None:
+    outcomes: dict[str, list[dict[str, Any]]] = {
+        "joint-fins": [{"target_distance": 10 + gain} for gain in gains],
+        "undamaged": [{"target_distance": 10.0} for _ in gains],
+    }
+    assert shown_replicate(outcomes) == shown
+
+
+def test_the_commands_on_the_page_name_what_differs_from_the_defaults() -> None:
+    study = CaseStudy(held_out=True, format=("svg", "pdf"), film=False, seed=3, out=Path("x"))
+    recover, film = study._commands(study.treatments()[0])
+    assert recover == "aquafish recover --held-out --seed 3 --format svg pdf --no-film"
+    assert film == (
+        "aquafish film seed-003/undamaged/controller.json seed-003/undamaged/controller.json "
+        "seed-003/joint-fins/controller.json --morphology seed-003/undamaged/morphology.json "
+        "--damage none right_pectoral:width=0.4 right_pectoral:width=0.4 "
+        "--label healthy 'damaged, old gait' 'damaged, new gait' --html swim.html"
+    )

@@ -113,15 +113,6 @@ def test_a_biased_sensor_is_predicted_with_its_bias() -> None:
     assert follow(model, observed + bias[0]).max() < 1.0
 
 
-def test_predictions_begin_in_a_state_each() -> None:
-    robots = Scenario.create(servo_gain=[(1, 1, 1), (1, 0, 1)])
-    states = np.array([SelfModel(robots.take([0]), pose).state for pose in (FINS, -FINS)]).T
-    together, _ = predict(robots, states, STROKES[:3])
-    for b in range(2):
-        alone, _ = predict(robots.take([b]), states[:, b], STROKES[:3])
-        np.testing.assert_array_equal(alone[0], together[b])
-
-
 def test_a_channel_without_readings_corrects_as_little_as_a_dropped_one() -> None:
     observed, _ = swim(Scenario.create(fin_angles=FINS, gyro_noise=0.01), 0.01)
     dropped = Damage.parse("gyro_y:dropped; north_x:dropped").edit(Scenario.create(gyro_noise=0.01))

@@ -81,14 +81,6 @@ def test_inputs_have_the_documented_order(robot: Scenario) -> None:
     )
 
 
-def test_informing_is_beginning_with_it() -> None:
-    states = random_states(3)
-    network = TeacherNetwork(random_teacher(), np.zeros((3, 7)), Scenario.create(), PREVIOUS)
-    network.inform(BROKEN)
-    other = TeacherNetwork(random_teacher(), np.zeros((3, 7)), BROKEN, PREVIOUS)
-    np.testing.assert_array_equal(network.act(states), other.act(states))
-
-
 @pytest.mark.parametrize("turn", [0.4, -1.0])
 def test_a_turned_course_is_the_world_turned_back(turn: float) -> None:
     """It does what the teacher does for a robot that heads elsewhere by the angle."""

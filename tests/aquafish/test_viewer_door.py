@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -180,18 +179,6 @@ def test_viser_s_clients_are_woken_in_its_event_loop_alone(
         viewer_thread = viewer._on_page(threading.get_ident)
     assert len(threads) > 100
     assert set(threads) == {viewer_thread}
-
-
-def test_a_connection_that_asks_nothing_is_no_error(
-    viewer: Viewer, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Browsers open them in advance; websockets logs each with a traceback."""
-    for _ in range(3):
-        port = urlsplit(viewer.url).port
-        socket.create_connection(("127.0.0.1", port)).close()
-    with enter(viewer):
-        time.sleep(0.5)
-    assert "handshake" not in caplog.text
 
 
 SLIDER = SimpleNamespace(value=1.0, min=0.25, max=4.0)
