@@ -15,23 +15,15 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 
 torch = pytest.importorskip("torch")
 MODES = list(AutoresetMode)
-DAMAGES = [
-    [
-        "action_0:weak=0.5@2+2; observation_0:stuck@1; observation_2:bias=1@3+1",
-        "none",
-        "action:seized@3; observation:dropped@4; observation_1:stuck@2+1",
-    ],
-    [
-        "action_1:seized=0.3@1+2; action_1:seized@2; observation_3:scale=0.5",
-        "action:reversed@1; action_0:scale=2@2; action_1:weak=0.2@0~3",
-        "action_0:dead@2+1; observation_0:bias=0.4@1~3",
-    ],
-    [
-        "action_0:delay=2; observation_1-2:delay=1@2; observation_3:hold=2",
-        "action_1:hold=2@1; action_1:delay=1@1; observation:delay=3; observation_0:stuck@3",
-        "observation:hold=3@1; observation_2:hold=4@3",
-    ],
-]
+#: Of every word, and of what grows, ends and overlaps.
+EVERYTHING = (
+    "random:severe@1-3; observation:noise=1;"
+    "action_0:weak=0.5@2+2; observation_0:stuck@1; observation_2:bias=1@3+1;"
+    "action_1:seized=0.3@1+2; action_1:seized@2; observation_3:scale=0.5;"
+    "action:reversed@1; action_0:scale=2@2; action_1:weak=0.2@0~3; observation_1:dropped@2;"
+    "action_0:delay=2; observation_1-2:delay=1@2; observation_3:hold=2;"
+    "action_1:hold=2@1; action_1:delay=1@1; observation:delay=3; observation_0:stuck@3"
+)
 
 
 def tensors(damage: Any, mode: AutoresetMode = AutoresetMode.SAME_STEP, **more: Any) -> Any:
@@ -118,15 +110,7 @@ def test_nothing_is_copied_from_the_device(
 
     seen: set[str] = set()
     robots = Tensors(64, mode)
-    everything = "; ".join(
-        [
-            "random:severe@1-3; observation:noise=1",
-            *DAMAGES[0][:1],
-            *DAMAGES[1][:2],
-            *DAMAGES[2][:2],
-        ]
-    )
-    envs = VectorFaultWrapper(robots, [everything] * 64, dt=1)
+    envs = VectorFaultWrapper(robots, [EVERYTHING] * 64, dt=1)
     envs.reset(seed=0)
     ended = torch.arange(64) % 3 == 0
     for name in ("numpy", "__array__", "cpu", "tolist", "item"):

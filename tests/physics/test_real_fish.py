@@ -9,10 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aquafish_gym.physics.kinematics import SWEEP
-from instruments.verification import fish_data
 from instruments.verification.momentum import Momentum
 from instruments.verification.propulsion import straight_swims
-from instruments.verification.real_fish import BODIES, NAMED, exponent
+from instruments.verification.real_fish import NAMED, exponent
 from instruments.verification.tail_swims import (
     beat_tails,
     steady_swims,
@@ -34,18 +33,6 @@ def test_the_interval_of_an_exponent_holds_the_truth_in_95_of_100_samples() -> N
     fits = [exponent(x, x**1.1 * np.exp(rng.normal(0, 0.1, 5))) for _ in range(2000)]
     held = np.mean([fit.low < 1.1 < fit.high for fit in fits])
     assert held == pytest.approx(0.95, abs=0.015)
-
-
-@pytest.mark.parametrize("reactive", [False, True], ids=["drag", "reactive"])
-def test_a_beat_carries_a_fish_as_far_at_any_frequency(reactive: bool) -> None:
-    """So that speed goes as frequency^1 exactly: neither law has a time scale of its own."""
-    slow = beat_tails(BODIES, 0.25, reactive, beats=4, substeps=1)
-    fast = beat_tails(BODIES, 1.0, reactive, beats=4, substeps=4)
-    assert slow.position is not None
-    assert fast.position is not None
-    assert_allclose(fast.position[:, 99::100], slow.position[:, 399::400], atol=1e-10)
-    assert abs(fast.position[:, -1, 1]).min() > 1e-4
-    assert abs(fast.position[:, -1, 1]).max() > 1.0
 
 
 @pytest.mark.parametrize(("amplitude", "bias"), [(30, 0), (20, 0), (15, 10), (15, 15)])
@@ -113,11 +100,3 @@ def test_a_tail_that_leans_to_the_other_side_turns_the_fish_as_far_the_other_way
     assert left > 0.01
     # The half beat at which the swim begins is not mirrored.
     assert_allclose(left, -right, rtol=0.02)
-
-
-def test_published_numbers_give_the_exponents_that_are_cited() -> None:
-    assert exponent(*zip(*fish_data.FREQUENCY_RUNS, strict=True)).slope == pytest.approx(
-        1.5, abs=0.05
-    )
-    slopes = [exponent(*zip(*fish_data.speeds_at(i), strict=True)).slope for i in range(3)]
-    assert slopes == pytest.approx([1.82, 1.72, 1.71], abs=0.01)
