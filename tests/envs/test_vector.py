@@ -201,7 +201,7 @@ NAMES = (
 )  # fmt: skip
 
 
-def made(kind: str, render_mode: str | None = None) -> Any:
+def batch_of(kind: str, render_mode: str | None = None) -> Any:
     kwargs = KWARGS | {"render_mode": render_mode}
     if kind == "sync":
         return SyncVectorEnv(
@@ -211,7 +211,7 @@ def made(kind: str, render_mode: str | None = None) -> Any:
             ]
         )
     if kind == "wrapped sync":
-        return VectorFaultWrapper(made("sync", render_mode), "action_0:weak=0.5")
+        return VectorFaultWrapper(batch_of("sync", render_mode), "action_0:weak=0.5")
     envs = gym.make_vec("AquaFish-v0", 3, damage=DAMAGE, dtype="float64", **kwargs)
     return VectorFaultWrapper(envs, "action_0:weak=0.5") if kind == "wrapped" else envs
 
@@ -221,7 +221,7 @@ KINDS = ("batch", "wrapped", "wrapped sync")
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_attributes_are_those_of_the_single_environments(kind: str) -> None:
-    one, two = made("sync"), made(kind)
+    one, two = batch_of("sync"), batch_of(kind)
     for envs in (one, two):
         envs.reset(seed=[5, 7, 9])
     for name in NAMES:
@@ -251,11 +251,11 @@ def test_attributes_are_those_of_the_single_environments(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_seeds_are_those_of_the_single_environments(kind: str) -> None:
     """Drawn before the first reset, kept without a seed, changed under a mask."""
-    fresh = made(kind)
+    fresh = batch_of(kind)
     drawn = fresh.np_random_seed if kind != "wrapped sync" else fresh.get_attr("np_random_seed")
     assert len(set(drawn)) == 3
     first, _ = fresh.reset()
-    again = made(kind)
+    again = batch_of(kind)
     np.testing.assert_array_equal(again.reset(seed=list(drawn))[0], first)
     fresh.reset(seed=3)
     assert fresh.get_attr("np_random_seed") == (3, 4, 5)
@@ -266,14 +266,14 @@ def test_seeds_are_those_of_the_single_environments(kind: str) -> None:
     rngs = [np.random.default_rng(i) for i in range(3)]
     fresh.set_attr("np_random", rngs)
     assert fresh.get_attr("np_random_seed") == (-1,) * 3
-    other = made(kind)
+    other = batch_of(kind)
     other.set_attr("np_random", [np.random.default_rng(i) for i in range(3)])
     np.testing.assert_array_equal(fresh.reset()[0], other.reset()[0])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_frames_are_those_of_the_single_environments(kind: str) -> None:
-    one, two = made("sync", "rgb_array"), made(kind, "rgb_array")
+    one, two = batch_of("sync", "rgb_array"), batch_of(kind, "rgb_array")
     assert two.render_mode == "rgb_array"
     for envs in (one, two):
         envs.reset(seed=0)
@@ -283,7 +283,7 @@ def test_frames_are_those_of_the_single_environments(kind: str) -> None:
 
 
 def test_a_specification_of_each_robot_makes_it_by_itself() -> None:
-    envs = made("batch")
+    envs = batch_of("batch")
     for i, spec in enumerate(envs.get_attr("spec")):
         alone = gym.make(spec)
         assert spec.kwargs["damage"] == DAMAGE[i]
@@ -293,17 +293,17 @@ def test_a_specification_of_each_robot_makes_it_by_itself() -> None:
 @pytest.mark.parametrize("name", ["task", "dt", "frame_skip", "spec", "metadata"])
 def test_what_the_batch_is_made_with_cannot_be_set(name: str) -> None:
     with pytest.raises(InvalidArgumentError, match=f"{name} of robots cannot be set"):
-        made("batch").set_attr(name, 1)
+        batch_of("batch").set_attr(name, 1)
 
 
 @pytest.mark.parametrize("name", ["reset", "step", "close"])
 def test_what_the_whole_batch_does_is_not_called_of_robots(name: str) -> None:
     with pytest.raises(InvalidArgumentError, match=f"call must not be of '{name}'"):
-        made("batch").call(name)
+        batch_of("batch").call(name)
 
 
 def test_a_batch_must_still_be_reset_first() -> None:
-    envs = made("batch")
+    envs = batch_of("batch")
     assert len(envs.np_random) == 3
     with pytest.raises(gym.error.ResetNeeded):
         envs.step(np.zeros((3, 3), np.float32))
