@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,21 @@ def test_evolve_writes_a_controller_for_the_body(
     assert said.out.startswith(f"swims {final:.2f} units in 1 s on the mean over the zero pose")
     lines = [line for line in said.err.splitlines() if line != compiling.NOTICE]
     assert [line.split()[0] for line in lines] == ["1/3", "2/3", "3/3"]
+
+
+def test_evolve_takes_a_sample_of_bodies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample, out = tmp_path / "bodies.json", tmp_path / "out"
+    broken = [Morphology.coerce({"caudal": (0.4, 1.4, z)}) for z in (0.3, 0.4, 0.6)]
+    write_bodies(sample, broken)
+    words = ["evolve", "--morphology", str(sample), "--damage", "left_pectoral:missing"]
+    assert main([*words, "--out", str(out), *QUICK]) == 0
+    lost = [replace(body, left_pectoral=(0.0, 0.0, 0.0)) for body in broken]
+    assert read_bodies(out / "bodies.json") == tuple(lost)
+    evolved = Controller.load(out / "controller.json")
+    assert evolved.morphology == lost[1]
+    assert "on the mean over 3 bodies: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("option", ["--damage", "--target-damage"])
