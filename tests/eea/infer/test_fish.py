@@ -339,6 +339,7 @@ def test_the_committed_report_has_every_setting():
     assert list(report["swims"]) == list(SWIMS)
 
 
+@pytest.mark.slow
 def test_measurement_of_a_robot_depends_on_its_number_alone():
     one, again = (measure(Case("exact", 0)) for _ in range(2))
     for found in (one, again):

@@ -466,7 +466,7 @@ def test_whole_that_agrees_with_the_logs_is_not_contradicted():
     """Also where it is at the end of a range."""
     rng = np.random.default_rng(13)
     ends = {"gain": Number(1.0, 2.0, healthy=1.0), "drag": Number(0.0, 1.0, healthy=1.0)}
-    for robot, count in ((CART, 4), (CART, 4), (with_numbers(CART, **ends), 12)):
+    for robot, count in ((CART, 4), (with_numbers(CART, **ends), 8)):
         logs = [measured(rng, bias=0.02 * rng.normal()) for _ in range(count)]
         assert robot.learn(logs, config=EFFORT).findings == ()
 

@@ -200,7 +200,9 @@ def test_windows_of_five_rows_a_second():
             "left_pectoral:reversed", "the servo of the left flipper has another speed",
             marks=pytest.mark.slow,
         ),
-        ("left_pectoral:missing", "the left flipper is missing"),
+        pytest.param(
+            "left_pectoral:missing", "the left flipper is missing", marks=pytest.mark.slow
+        ),
         pytest.param(
             "right_pectoral:seized; caudal:width=0.5",
             "the servo of the right flipper has another speed and the tail has other sizes",
