@@ -124,9 +124,8 @@ class ErrorCalibration:
     @property
     def foreign(self) -> bool:
         """Whether the water is foreign: the likeliest model has a large error in it."""
-        return bool(
-            self.model.model_error[0] >= thresholds.FOREIGN_ERROR_SCALE * thresholds.MODEL_ERROR[0]
-        )
+        first = thresholds.ERROR_SCALES[0] * thresholds.MODEL_ERROR[0]
+        return bool(self.model.model_error[0] > first)
 
     def add(self, action: Floats, observed: Floats, check: bool = True) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether it was the last.

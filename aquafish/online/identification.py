@@ -48,26 +48,29 @@ def identify(search: Search) -> Candidate:
     fits = [_Fit(np.inf, case, np.zeros(len(_WORDS))) for case in believed]
     for seen in thresholds.FIRST_IDENTIFIED:
         if last + seen < count:
-            fits = _fitted(search, fits, free, last + seen)[: thresholds.IDENTIFIED_CASES]
-    fit = _fitted(search, fits, free, count)[0]
+            fits = [_best_fit(search, fits, free, last + seen)]
+    fit = _best_fit(search, fits, free, count)
     found = _candidate(fit)
     while not (left := np.abs(fit.change) > thresholds.SAME_GAIT_DIFFERENCE).all(where=free):
         free = free & left
         fewer = fit._replace(change=np.where(free, fit.change, 0.0))
-        fit = _fitted(search, [fewer], free, count)[0]
+        fit = _descend(search, fewer, free, count)
         found = min(found, _candidate(fit), key=cost_of)
     search.best[found.grid.words] = found
     return found
 
 
-def _fitted(search: Search, fits: list[_Fit], free: Flags, until: int) -> list[_Fit]:
-    """Return changes whose ``free`` numbers fit the observations until one, the best first."""
-    found = [_descend(search, fit.case, fit.change, free, until) for fit in fits]
-    return sorted(found, key=lambda fit: fit.cost)
+def _best_fit(search: Search, fits: list[_Fit], free: Flags, until: int) -> _Fit:
+    """Return the likeliest of some changes whose ``free`` numbers are fitted; see ``_descend``."""
+    return min((_descend(search, fit, free, until) for fit in fits), key=lambda fit: fit.cost)
 
 
-def _descend(search: Search, case: int, change: Floats, free: Flags, until: int) -> _Fit:
-    """Return a change after Levenberg-Marquardt steps of its ``free`` numbers."""
+def _descend(search: Search, fit: _Fit, free: Flags, until: int) -> _Fit:
+    """Return a change after Levenberg-Marquardt steps of its ``free`` numbers.
+
+    They fit it to the observations until one.
+    """
+    _, case, change = fit
     b, onset = search.cases[case]
     before = search.before[b]
     state = search.states[onset]

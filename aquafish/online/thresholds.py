@@ -36,10 +36,9 @@ FIN_ANGLE_ACTIONS = 5
 POSES_PER_FIN = 16
 #: rad: standard deviation of the estimated fin angles
 FIN_ANGLE_ERROR = 0.2
-#: factor: on MODEL_ERROR; the filters that compete with one of that error
+#: factor: on MODEL_ERROR; the filters that compete with one of that error. Beyond the first, the
+#: water counts as foreign
 ERROR_SCALES = (10.0, 100.0, 1000.0)
-#: factor: on MODEL_ERROR; the least with which the water counts as foreign
-FOREIGN_ERROR_SCALE = 100.0
 #: factor: on the fins' drag; the filters that compete in foreign water
 DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)
 #: units/s: standard deviation of a wandering current's change in an action
@@ -66,8 +65,6 @@ ALARM_PROBABILITY = 1e-7
 SURPRISE_MARGIN = 2.0
 #: factor: the same in foreign water
 FOREIGN_SURPRISE_MARGIN = 5.0
-#: actions: after which the whole robot may be watched during the calibration
-KNOWN_ACTIONS = 5
 #: observations: with which damage from the start is tried
 START_INFERENCES = (10, 15, 20, 30, 40)
 #: factor: on LEAST_OBSERVATION_SD; the drift that is assumed before it is measured
@@ -149,8 +146,6 @@ IDENTIFYING_STEPS = 30
 STEP_NATS = 0.3
 #: observations: after the last onset, that are fitted first, second ... and all in the end
 FIRST_IDENTIFIED = (3, 6, 10)
-#: number: of robots before and onsets, with which a fit goes on after the first
-IDENTIFIED_CASES = 2
 
 # Recognising: sensors
 
@@ -192,15 +187,14 @@ SAME_GAIT_DIFFERENCE = 0.05
 
 # Choosing a gait
 
-#: s: left of an episode, for which a gait is still refined, or chosen again in foreign water
-SHORTEST_SWIM_SECONDS = 2.0
 #: s: longest swim over which gaits are compared; a longer one does not end within the thinking time
 LONGEST_COMPARISON_SECONDS = 60.0
 #: number: of its own refined gaits, the latest, among which it chooses beside the library's
 REFINED_GAITS = 8
 #: number: of phases of its clock in which a teacher stands among the gaits
 TEACHER_PHASES = 8
-#: s: between two choices in foreign water
+#: s: between two choices in foreign water; if less is left of an episode, no gait is refined or
+#: chosen again
 CHOOSE_AGAIN_SECONDS = 3.0
 #: s: over which gaits are compared in foreign water
 AHEAD_SECONDS = 10.0
