@@ -146,7 +146,7 @@ class GaitChooser:
         seconds = min(thresholds.AHEAD_SECONDS, self.until - step * self.dt)
         if (
             step % max(1, round(thresholds.CHOOSE_AGAIN_SECONDS / self.dt))
-            or seconds < thresholds.CHOOSE_AGAIN_SECONDS
+            or seconds < thresholds.SHORTEST_SWIM_SECONDS
         ):
             return
         swum = self._swimming
@@ -207,7 +207,7 @@ class GaitChooser:
             effort = self._efforts[0]
         actions = thinking_actions(effort.seconds, self.dt)
         left = self._left(step + actions)
-        if not self._rounds or left < thresholds.CHOOSE_AGAIN_SECONDS:
+        if not self._rounds or left < thresholds.SHORTEST_SWIM_SECONDS:
             return
         self._rounds -= 1
         self._efforts = self._efforts[1:]

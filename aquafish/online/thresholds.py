@@ -187,14 +187,15 @@ SAME_GAIT_DIFFERENCE = 0.05
 
 # Choosing a gait
 
+#: s: left of an episode, for which a gait is still refined, or chosen again in foreign water
+SHORTEST_SWIM_SECONDS = 2.0
 #: s: longest swim over which gaits are compared; a longer one does not end within the thinking time
 LONGEST_COMPARISON_SECONDS = 60.0
 #: number: of its own refined gaits, the latest, among which it chooses beside the library's
 REFINED_GAITS = 8
 #: number: of phases of its clock in which a teacher stands among the gaits
 TEACHER_PHASES = 8
-#: s: between two choices in foreign water; if less is left of an episode, no gait is refined or
-#: chosen again
+#: s: between two choices in foreign water
 CHOOSE_AGAIN_SECONDS = 3.0
 #: s: over which gaits are compared in foreign water
 AHEAD_SECONDS = 10.0
