@@ -15,16 +15,21 @@ from aquafish_gym.engines.api import simulate
 from aquafish_gym.envs import AquaFishEnv, AquaFishVectorEnv, tasks
 from aquafish_gym.envs.wrappers import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH, PLANS, BodyPlan, Dimension, FinPlan, Hull
 from aquafish_gym.world_config import WorldConfig
 
 __all__ = [
-    "DIMENSIONS",
+    "AQUAFISH",
+    "PLANS",
     "AquaFishEnv",
     "AquaFishVectorEnv",
+    "BodyPlan",
     "Damage",
     "Dimension",
     "FaultWrapper",
+    "FinPlan",
+    "Hull",
     "ImuLog",
     "Morphology",
     "VectorFaultWrapper",

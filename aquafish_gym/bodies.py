@@ -9,21 +9,24 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import FINS, MAXIMA, OTHER_PLANS, Morphology, MorphologyLike
+from aquafish_gym.morphology import Morphology, MorphologyLike, other_plans
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
 BODIES_SCHEMA = "aquafish.bodies/1"
 _ROBOT_FILES = (".urdf", ".sdf", ".xml", ".mjcf", ".xacro", ".usd")
 
-# One body, a list of them, or an array (M, 9).
+# One body, a list of them, or an array (M, S).
 MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
 
 
-def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDArray[np.float64]:
-    """Return the sizes (M, 9) of one body or several, in the order of ``DIMENSIONS``.
+def body_array(
+    bodies: MorphologiesLike, argument: str = "morphologies", plan: BodyPlan = AQUAFISH
+) -> NDArray[np.float64]:
+    """Return the sizes (M, S) of one body or several, in the order of the plan's ``dimensions``.
 
-    ``bodies`` is one body as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes in
+    ``bodies`` is one body as ``Morphology.coerce`` takes it, a list of such, or (M, S) sizes in
     units of 5 cm; ``argument`` is its name in messages.
 
     Raises
@@ -37,35 +40,38 @@ def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDAr
     array([[0.4, 1.4, 0.6],
            [0. , 0. , 0. ]])
     """
+    check_plan(plan)
     if bodies is None or isinstance(bodies, Morphology | Mapping):
-        return Morphology.coerce(bodies).to_array()[None]
+        return Morphology.coerce(bodies, plan).to_array()[None]
     if isinstance(bodies, list | tuple) and any(
         isinstance(b, Morphology | Mapping) for b in bodies
     ):
-        return np.array([Morphology.coerce(body).to_array() for body in bodies])
+        return np.array([Morphology.coerce(body, plan).to_array() for body in bodies])
     return finite_array(
         argument,
         bodies,  # type: ignore[arg-type]
-        (None, 9),
+        (None, len(plan.dimensions)),
         0.0,
-        MAXIMA,
+        plan.maxima,
         flat=True,
-        hint=OTHER_PLANS,
+        hint=other_plans(plan),
     )
 
 
-def median_body(bodies: NDArray[np.float64]) -> Morphology:
-    """Return the body of the median of each size of bodies (M, 9), without their correlations."""
-    return Morphology.from_array(np.median(bodies, axis=0))
+def median_body(bodies: NDArray[np.float64], plan: BodyPlan = AQUAFISH) -> Morphology:
+    """Return the body of the median of each size of bodies (M, S), without their correlations."""
+    return Morphology.from_array(np.median(bodies, axis=0), plan)
 
 
 def sample_stamp(bodies: NDArray[np.float64]) -> str:
-    """Return the count and a hash of bodies (M, 9): "2 bodies, 81c611f35bff7949"."""
+    """Return the count and a hash of bodies (M, S): "2 bodies, 81c611f35bff7949"."""
     digest = hashlib.sha256(np.ascontiguousarray(bodies, np.float64).tobytes()).hexdigest()[:16]
     return f"{len(bodies)} bodies, {digest}"
 
 
-def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None:
+def write_bodies(
+    path: str | os.PathLike[str], bodies: MorphologiesLike, plan: BodyPlan = AQUAFISH
+) -> None:
     """Write a ``bodies.json``, whole or not at all, that :func:`read_bodies` reads back exactly.
 
     Raises
@@ -79,15 +85,17 @@ def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None
     >>> read_bodies("bodies.json") == (Morphology.nominal(),) * 2
     True
     """
-    rows = [Morphology.from_array(row).to_dict() for row in body_array(bodies)]
+    rows = [Morphology.from_array(row, plan).to_dict() for row in body_array(bodies, plan=plan)]
     write_document(path, {"morphologies": rows}, BODIES_SCHEMA)
 
 
-def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[Morphology, ...]:
+def read_bodies(
+    path: str | os.PathLike[str], argument: str = "file", plan: BodyPlan = AQUAFISH
+) -> tuple[Morphology, ...]:
     """Return the bodies of a JSON file: a ``bodies.json``, or a file with one body.
 
-    A body is an object from fin to [x, y, z], or nine numbers in the order of ``DIMENSIONS``. The
-    file is a body, or an object with a ``morphology``, as a ``result.json``, or with a list of
+    A body is an object from fin to [x, y, z], or numbers in the order of the plan's ``dimensions``.
+    The file is a body, or an object with a ``morphology``, as a ``result.json``, or with a list of
     ``morphologies``.
 
     Raises
@@ -95,9 +103,10 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
+    check_plan(plan)
     if isinstance(path, str | os.PathLike) and str(path).lower().endswith(_ROBOT_FILES):
         raise InvalidArgumentError(
-            f"{argument} must be a JSON file of bodies; got {path}{OTHER_PLANS}"
+            f"{argument} must be a JSON file of bodies; got {path}{other_plans(plan)}"
         )
     document = read_document(path, argument=argument)
     rows = document.get("morphologies", [document.get("morphology", document)])
@@ -106,17 +115,17 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
             raise InvalidArgumentError(
                 f"its morphologies must be a list of one body or more; got {brief(rows)}"
             )
-        return tuple(map(_body, rows))
+        return tuple(_body(row, plan) for row in rows)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
 
 
-def _body(value: object) -> Morphology:
+def _body(value: object, plan: BodyPlan) -> Morphology:
     if isinstance(value, list):
-        return Morphology.from_array(value)
-    if not isinstance(value, dict) or sorted(value) != sorted(FINS):
+        return Morphology.from_array(value, plan)
+    if not isinstance(value, dict) or sorted(value) != sorted(plan.names):
         raise InvalidArgumentError(
-            f"a body must be an object with the keys {', '.join(FINS)}, or nine numbers; got "
-            f"{brief(value)}{OTHER_PLANS}"
+            f"a body must be an object with the keys {', '.join(plan.names)}, or "
+            f"{len(plan.dimensions)} numbers; got {brief(value)}{other_plans(plan)}"
         )
-    return Morphology.coerce(value)
+    return Morphology.coerce(value, plan)

@@ -1,46 +1,45 @@
-"""Commands: three servo speeds (Sec. 3.1), the actions that they are scaled from, how late servos
-follow them, and where the fins are once they are obeyed."""
+"""Commands: a speed for each servo (Sec. 3.1), the actions that they are scaled from, how late
+servos follow them, and where the fins are once they are obeyed."""
 
 from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.physics.arithmetic import Number, Vector, floor, where_less
+from aquafish_gym.physics.arithmetic import Number, floor, where_less
+from aquafish_gym.physics.kinematics import Numbers
+from aquafish_gym.physics.printing import straight_line
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
-SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 
-# Pectorals turn at [-0.5, 0.5] rev/s; the caudal fin sweeps +-30 degrees at [0, 1] Hz.
-COMMAND_LOW: NDArray[np.float64] = np.array([-0.5, -0.5, 0.0])
-COMMAND_LOW.setflags(write=False)
-COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
-COMMAND_HIGH.setflags(write=False)
-
-# Tuples, which compiled code can read.
-_LOW = tuple(float(v) for v in COMMAND_LOW)
-_SPAN = tuple(float(v) for v in COMMAND_HIGH - COMMAND_LOW)
-_MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
-_REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
-
-
-def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
-    """Return commands as a (B, 3) array in rev/s, rev/s and Hz; one may be given as (3,)."""
+def check_commands(
+    plan: BodyPlan, commands: ArrayLike, argument: str = "commands"
+) -> NDArray[np.float64]:
+    """Return commands as a (B, F) array in rev/s or Hz; one may be given as (F,)."""
+    shape = (None, len(plan.fins))
     return finite_array(
-        argument, commands, (None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz", flat=True
+        argument, commands, shape, plan.command_low, plan.command_high, "rev/s or Hz", flat=True
     )
 
 
-def check_series(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
-    """Return commands (B, 3), as :func:`check_commands` does, or series of them, (B, K, 3)."""
+def check_series(
+    plan: BodyPlan, commands: ArrayLike, argument: str = "commands"
+) -> NDArray[np.float64]:
+    """Return commands (B, F), as :func:`check_commands` does, or series of them, (B, K, F)."""
     try:
         series = np.ndim(commands) == 3
     except ValueError:  # ragged; the check says so better
         series = False
     if not series:
-        return check_commands(commands, argument)
+        return check_commands(plan, commands, argument)
+    shape = (None, None, len(plan.fins))
     checked = finite_array(
-        argument, commands, (None, None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz"
+        argument, commands, shape, plan.command_low, plan.command_high, "rev/s or Hz"
     )
     if not checked.shape[1]:
         raise InvalidArgumentError(
@@ -49,33 +48,34 @@ def check_series(commands: ArrayLike, argument: str = "commands") -> NDArray[np.
     return checked
 
 
-def servo_speeds(action: Vector) -> Vector:
-    """Return the command, rev/s, rev/s and Hz, of an action in [-1, 1]: floats or rows (B,)."""
-    left, right, caudal = action
-    return (
-        _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
-        _LOW[1] + 0.5 * (right + 1.0) * _SPAN[1],
-        _LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2],
+def servo_speeds(plan: BodyPlan, action: Sequence[Number]) -> Numbers:
+    """Return the command, rev/s or Hz, of an action in [-1, 1]: floats or rows (B,)."""
+    low = plan.command_low.tolist()
+    high = plan.command_high.tolist()
+    return tuple(
+        least + 0.5 * (x + 1.0) * (most - least)
+        for x, least, most in zip(action, low, high, strict=True)
     )
 
 
-def lane_servo_speeds(action: Vector) -> Vector:
+def lane_servo_speeds(plan: BodyPlan, action: Sequence[Number]) -> Numbers:
     """Return :func:`servo_speeds` in one multiplication and one addition a servo.
 
     The compiled loop uses this form. The two differ by rounding, and committed results hold for
     each of them to the bit.
     """
-    return (
-        _MIDDLE[0] + _REACH[0] * action[0],
-        _MIDDLE[1] + _REACH[1] * action[1],
-        _MIDDLE[2] + _REACH[2] * action[2],
+    low = plan.command_low.tolist()
+    high = plan.command_high.tolist()
+    return tuple(
+        (least + most) / 2 + (most - least) / 2 * x
+        for x, least, most in zip(action, low, high, strict=True)
     )
 
 
-def scale_action(action: ArrayLike) -> NDArray[np.float64]:
-    """Map actions, clipped to [-1, 1], shape (..., 3), to servo commands in rev/s, rev/s, Hz."""
+def scale_action(plan: BodyPlan, action: ArrayLike) -> NDArray[np.float64]:
+    """Map actions, clipped to [-1, 1], shape (..., F), to servo commands in rev/s or Hz."""
     clipped = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
-    return np.stack(servo_speeds(tuple(np.moveaxis(clipped, -1, 0))), axis=-1)
+    return np.stack(servo_speeds(plan, tuple(np.moveaxis(clipped, -1, 0))), axis=-1)
 
 
 def lag_parts(lag: Number) -> tuple[Number, Number]:
@@ -88,16 +88,12 @@ def lag_parts(lag: Number) -> tuple[Number, Number]:
     return steps, steps + 1.0 - lag
 
 
-def late_command(older: Vector, newer: Vector, share: Number) -> Vector:
+def late_command(older: Numbers, newer: Numbers, share: Number) -> Numbers:
     """Return the command that late servos follow in a step: its mean over the step.
 
     So a servo's speed is constant within a step, and its angle is continuous in the lag.
     """
-    return (
-        _mean(older[0], newer[0], share),
-        _mean(older[1], newer[1], share),
-        _mean(older[2], newer[2], share),
-    )
+    return tuple(_mean(a, b, share) for a, b in zip(older, newer, strict=True))
 
 
 def _mean(older: Number, newer: Number, share: Number) -> Number:
@@ -106,14 +102,38 @@ def _mean(older: Number, newer: Number, share: Number) -> Number:
     return where_less(older, newer, mean, where_less(newer, older, mean, newer))
 
 
-def reckon(angles: Vector, speeds: Vector, turn: Number) -> Vector:
+def reckon(angles: Numbers, speeds: Numbers, turn: Number) -> Numbers:
     """Return fin angles after servos turned at ``speeds``: dead reckoning from the command.
 
     ``turn`` is the angle per unit of speed: the time in s for angles in turns, 2 pi times the time
     for angles in rad. The speeds are gain times command, so a wrong belief about a gain shows here.
     """
-    return (
-        angles[0] + turn * speeds[0],
-        angles[1] + turn * speeds[1],
-        angles[2] + turn * speeds[2],
+    return tuple(angle + turn * speed for angle, speed in zip(angles, speeds, strict=True))
+
+
+class Servos(NamedTuple):
+    """This module's functions for the servos of one plan, which compiled code can call.
+
+    ``reckon`` takes the servos' gains and the command in place of their speeds.
+    """
+
+    speeds: Callable[[Numbers], Numbers]
+    lane_speeds: Callable[[Numbers], Numbers]
+    late_command: Callable[[Numbers, Numbers, Number], Numbers]
+    reckon: Callable[[Numbers, Numbers, Numbers, Number], Numbers]
+
+
+@functools.cache
+def servos(plan: BodyPlan) -> Servos:
+    """Return the servos of a plan."""
+    fins = (0.0,) * len(plan.fins)
+
+    def reckoned(angles: Numbers, gain: Numbers, command: Numbers, turn: Number) -> Numbers:
+        return reckon(angles, tuple(a * b for a, b in zip(gain, command, strict=True)), turn)
+
+    return Servos(
+        straight_line("servo_speeds", functools.partial(servo_speeds, plan), fins),
+        straight_line("lane_servo_speeds", functools.partial(lane_servo_speeds, plan), fins),
+        straight_line("late_command", late_command, fins, fins, 0.0),
+        straight_line("reckon", reckoned, fins, fins, fins, 0.0),
     )

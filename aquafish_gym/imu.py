@@ -23,8 +23,8 @@ class ImuLog:
         (B, T, 3) angular velocity in body axes, rad/s; None if not recorded.
     position, quaternion, fin_angles
         Ground truth, only with ``record="pose"``: (B, T, 3) of the capsule's centre in the world,
-        units of 5 cm; (B, T, 4) from body to world, (x, y, z, w); (B, T, 3) left and right pectoral
-        angle and caudal phase in (-pi, pi].
+        units of 5 cm; (B, T, 4) from body to world, (x, y, z, w); (B, T, F) of each fin its angle,
+        or the phase of one that sweeps, in (-pi, pi].
     diverged
         (B,) whether a robot left the finite numbers; its samples are then NaN from there on.
 

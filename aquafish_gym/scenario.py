@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
 from aquafish_gym.stages import NEVER, Player, Stages
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from aquafish_gym.utils.validation import (
@@ -40,7 +40,10 @@ GYRO_CHANNELS = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
 class _Field(NamedTuple):
-    """The shape of one robot's row, its range, its unit and its default."""
+    """The shape of one robot's row, its range, its unit and its default.
+
+    A shape of ``FINS`` is a number for each fin.
+    """
 
     row: tuple[int, ...]
     low: float
@@ -49,24 +52,32 @@ class _Field(NamedTuple):
     default: float
 
 
-# Every field that a user may set, except the body, whose ranges ``DIMENSIONS`` states.
+FINS = (-1,)
+_OF_CHANNELS = (len(CHANNELS),)
+# Every field that a user may set, except the body, whose ranges the plan states.
 _FIELDS: dict[str, _Field] = {
-    "fin_angles": _Field((3,), -np.inf, np.inf, "rad", 0.0),
+    "fin_angles": _Field(FINS, -np.inf, np.inf, "rad", 0.0),
     "velocity": _Field((3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s", 0.0),
     "spin": _Field((3,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s", 0.0),
     "current": _Field((3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s", 0.0),
     "drag": _Field((2,), 0.0, 10.0, "", 1.0),
     "fin_density": _Field((), 0.0, 100.0, "", 1.0),
-    "servo_gain": _Field((3,), -2.0, 2.0, "", 1.0),
+    "servo_gain": _Field(FINS, -2.0, 2.0, "", 1.0),
     "servo_lag": _Field((), 0.0, 1.0, "s", 0.0),
     "gyro_noise": _Field((), 0.0, MAXIMUM_SPIN, "rad/s", 0.0),
-    "sensor_bias": _Field((9,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "", 0.0),
-    "sensor_scale": _Field((9,), -LARGEST_SCALE, LARGEST_SCALE, "", 1.0),
-    "sensor_delay": _Field((9,), 0.0, LONGEST_DELAY, "s", 0.0),
-    "sensor_hold": _Field((9,), 0.0, LONGEST_DELAY, "s", 0.0),
-    "servo_delay": _Field((3,), 0.0, LONGEST_DELAY, "s", 0.0),
-    "servo_hold": _Field((3,), 0.0, LONGEST_DELAY, "s", 0.0),
+    "sensor_bias": _Field(_OF_CHANNELS, -MAXIMUM_SPIN, MAXIMUM_SPIN, "", 0.0),
+    "sensor_scale": _Field(_OF_CHANNELS, -LARGEST_SCALE, LARGEST_SCALE, "", 1.0),
+    "sensor_delay": _Field(_OF_CHANNELS, 0.0, LONGEST_DELAY, "s", 0.0),
+    "sensor_hold": _Field(_OF_CHANNELS, 0.0, LONGEST_DELAY, "s", 0.0),
+    "servo_delay": _Field(FINS, 0.0, LONGEST_DELAY, "s", 0.0),
+    "servo_hold": _Field(FINS, 0.0, LONGEST_DELAY, "s", 0.0),
 }
+
+
+def _row(name: str, plan: BodyPlan) -> tuple[int, ...]:
+    """Return the shape of one robot's row of a field."""
+    row = _FIELDS[name].row
+    return (len(plan.fins),) if row == FINS else row
 
 
 #: The fields that say how a robot begins. The others say what it is, from a step on.
@@ -90,23 +101,23 @@ class Scenario:
     (2, (2, 9), [[1.0, 0.0, 1.0]])
     """
 
-    fin_angles: Floats  # (B, 3) at the start: pectorals' angles, caudal phase, rad; NaN: random
+    fin_angles: Floats  # (B, F) at the start: angles, phases of fins that sweep, rad; NaN: random
     velocity: Floats  # (B, 3) at the start, body axes, units/s
     spin: Floats  # (B, 3) angular velocity at the start, body axes, rad/s
     # The rows of the table. Where nothing changes R is B, and row i is robot i.
-    body: Floats  # (R, 9) fin sizes in the order of ``DIMENSIONS``, units of 5 cm
+    body: Floats  # (R, S) fin sizes in the order of the plan's ``dimensions``, units of 5 cm
     current: Floats  # (R, 3) velocity of the water in the world, units/s
     drag: Floats  # (R, 2) factors on the drag of the fins and on that of the body
-    fin_density: Floats  # (R,) factor on the mass of the fins, or (R, 3) of each
-    servo_gain: Floats  # (R, 3) servo speed over command; 0 is seized, -1 reversed
+    fin_density: Floats  # (R,) factor on the mass of the fins, or (R, F) of each
+    servo_gain: Floats  # (R, F) servo speed over command; 0 is seized, -1 reversed
     servo_lag: Floats  # (R,) delay from a command to the servos' motion, s
     gyro_noise: Floats  # (R,) standard deviation in each observation and axis, rad/s
     sensor_bias: Floats  # (R, 9) added to each of ``CHANNELS``; of the gyro in rad/s
     sensor_scale: Floats  # (R, 9) factor on each channel
     sensor_delay: Floats  # (R, 9) age of what each channel is observed to say, s
     sensor_hold: Floats  # (R, 9) for how long each channel repeats a reading, s; 0 is not at all
-    servo_delay: Floats  # (R, 3) age of the action that each servo follows, s
-    servo_hold: Floats  # (R, 3) for how long each servo keeps to an action, s; 0 is not at all
+    servo_delay: Floats  # (R, F) age of the action that each servo follows, s
+    servo_hold: Floats  # (R, F) for how long each servo keeps to an action, s; 0 is not at all
     sensor_stuck: Flags  # (R, 9) whether each channel repeats its first observation
     sensor_dropped: Flags  # (R, 9) whether each channel is observed as 0
     faults: NDArray[np.int64]  # (R,) how many faults each robot has
@@ -117,20 +128,30 @@ class Scenario:
     rates: Mapping[str, Floats] = field(default_factory=dict)
     stride: int = 1
     reactive: bool = False  # whether the water has added mass too; kernels are compiled for it
+    plan: BodyPlan = AQUAFISH
 
     @classmethod
-    def create(cls, body: object = None, *, reactive: bool = False, **fields: object) -> Self:
+    def create(
+        cls,
+        body: object = None,
+        *,
+        reactive: bool = False,
+        plan: BodyPlan = AQUAFISH,
+        **fields: object,
+    ) -> Self:
         """Return a scenario from checked arguments; a single row serves all robots.
 
         Parameters
         ----------
         body
-            (B, 9) sizes, a ``Morphology``, a list of them, or None for the nominal body.
+            (B, S) sizes, a ``Morphology``, a list of them, or None for the nominal body.
         reactive
             Whether the water also resists acceleration.
+        plan
+            Of all robots.
         **fields
             Other fields, (B, ...) or one row without its axis; each has a default that changes
-            nothing. A single ``servo_gain`` is for all three servos. ``Damage.edit`` sets stuck and
+            nothing. A single ``servo_gain`` is for all servos. ``Damage.edit`` sets stuck and
             dropped sensors.
 
         Raises
@@ -139,16 +160,22 @@ class Scenario:
             If a field has the wrong shape or range, the fields differ in length, or there is no
             such field.
         """
-        tables = {name: check_field(name, value) for name, value in fields.items()}
-        spread = broadcast({"body": check_field("body", body), **tables})
-        return cls.fill(spread, flag("reactive", reactive))
+        check_plan(plan)
+        tables = {name: check_field(name, value, plan) for name, value in fields.items()}
+        spread = broadcast({"body": check_field("body", body, plan), **tables})
+        return cls.fill(spread, flag("reactive", reactive), plan)
 
     @classmethod
-    def fill(cls, fields: Mapping[str, NDArray[Any]], reactive: bool = False) -> Self:
+    def fill(
+        cls,
+        fields: Mapping[str, NDArray[Any]],
+        reactive: bool = False,
+        plan: BodyPlan = AQUAFISH,
+    ) -> Self:
         """Return a scenario of checked ``fields`` (B, ...), "body" among them, and of defaults."""
         batch = len(fields["body"])
         missing: dict[str, Any] = {
-            name: np.full((batch, *field.row), field.default)
+            name: np.full((batch, *_row(name, plan)), field.default)
             for name, field in _FIELDS.items()
             if name not in fields
         }
@@ -158,7 +185,7 @@ class Scenario:
         missing["first"] = np.arange(batch)
         missing["since"] = np.zeros(batch, np.intp)
         missing["until"] = np.full(batch, NEVER)
-        return cls(**{**missing, **fields}, reactive=reactive)
+        return cls(**{**missing, **fields}, reactive=reactive, plan=plan)
 
     def __len__(self) -> int:
         return len(self.first)
@@ -274,7 +301,8 @@ class Scenario:
             robot, fin = unknown[0]
             raise InvalidArgumentError(
                 f"scenario must have fin angles where a swim begins: robot {robot} has a dead "
-                f"{FINS[fin]} servo, whose angle is random; draw it with scenario.draw_angles(rngs)"
+                f"{self.plan.names[fin]} servo, whose angle is random; draw it with "
+                "scenario.draw_angles(rngs)"
             )
 
     def segments(self, steps: int) -> Iterator[Segment]:
@@ -305,9 +333,11 @@ class Scenario:
     def concatenate(scenarios: Sequence[Scenario]) -> Scenario:
         """Return the robots of several scenarios, one after another, in one."""
         strides = {one.stride for one in scenarios if one.rates}
-        if len({one.reactive for one in scenarios}) != 1 or len(strides) > 1:
+        waters = {(one.reactive, one.plan) for one in scenarios}
+        if len(waters) != 1 or len(strides) > 1:
             raise InvalidArgumentError(
-                "scenarios must be one or more, reactive all or none, and grow in equal strides"
+                "scenarios must be one or more, of one plan, reactive all or none, and grow in "
+                "equal strides"
             )
         names = scenarios[0].arrays()
         joined: dict[str, Any] = {
@@ -336,7 +366,9 @@ class Segment(NamedTuple):
     to: Scenario | None  #: What these n are from then on; None if none changes.
 
 
-def check_field(name: str, value: object, argument: str = "") -> NDArray[Any]:
+def check_field(
+    name: str, value: object, plan: BodyPlan = AQUAFISH, argument: str = ""
+) -> NDArray[Any]:
     """Return a field's table (n, ...) from whatever describes it; ``argument`` is for messages.
 
     Raises
@@ -346,16 +378,18 @@ def check_field(name: str, value: object, argument: str = "") -> NDArray[Any]:
     """
     argument = argument or name
     if name == "body":
-        return body_array(value, argument)  # type: ignore[arg-type]
-    row, low, high, unit, _ = _FIELDS[one_of("field", name, _FIELDS)]
+        return body_array(value, argument, plan)  # type: ignore[arg-type]
+    _, low, high, unit, _ = _FIELDS[one_of("field", name, _FIELDS)]
+    row = _row(name, plan)
     if name == "servo_gain" and isinstance(value, Real | Decimal):
-        value = [value] * 3
+        value = [value] * len(plan.fins)
     return finite_array(argument, value, (None, *row), low, high, unit, flat=True)  # type: ignore[arg-type]
 
 
-def check_row(name: str, value: object, argument: str = "") -> Floats:
+def check_row(name: str, value: object, plan: BodyPlan = AQUAFISH, argument: str = "") -> Floats:
     """Return one robot's row of a field other than the body; see :func:`check_field`."""
-    row, low, high, unit, _ = _FIELDS[name]
+    _, low, high, unit, _ = _FIELDS[name]
+    row = _row(name, plan)
     return finite_array(argument or name, value, row, low, high, unit)  # type: ignore[arg-type]
 
 

@@ -81,7 +81,7 @@ def beyond_imu(
 ) -> list[Number]:
     """Return the optional channels, which follow the nine of the IMU.
 
-    Fin angles in rad give three sines, then three cosines; a goal gives the vector to it. None
+    Fin angles in rad give their sines, then their cosines; a goal gives the vector to it. None
     gives no channels.
     """
     found: list[Number] = []
@@ -104,7 +104,8 @@ def observe(
     if fin_angles is not None or goal is not None:
         senses += beyond_imu(state, fin_angles, goal)
     seen = np.array(senses).T
-    most = limits(fin_angles is not None, goal is not None)
+    fins = 0 if fin_angles is None else len(fin_angles)  # type: ignore[arg-type]
+    most = limits(fins, goal is not None)
     np.maximum(seen, -most, out=seen)
     np.minimum(seen, most, out=seen)
     return seen.astype(np.float32, "C")
@@ -126,10 +127,13 @@ def faulty(
 
 
 @cache
-def limits(observe_fins: bool, has_goal: bool) -> Floats:
-    """Return the largest magnitude of each channel of an observation, in its order."""
+def limits(fins: int = 0, has_goal: bool = False) -> Floats:
+    """Return the largest magnitude of each channel of an observation, in its order.
+
+    ``fins`` is how many fins are observed.
+    """
     most = [1.0] * 6 + [GYRO_RANGE] * 3
-    most += [1.0] * 6 * observe_fins + [GOAL_RANGE] * 3 * has_goal
+    most += [1.0] * 2 * fins + [GOAL_RANGE] * 3 * has_goal
     found = np.array(most, np.float64)
     found.setflags(write=False)
     return found

@@ -45,7 +45,7 @@ class WorldConfig:
         for name in ("current", "drag", "servo_gain"):
             row = check_row(name, getattr(self, name))
             object.__setattr__(self, name, tuple(row.tolist()))
-        object.__setattr__(self, "lag", float(check_row("servo_lag", self.lag, "lag")))
+        object.__setattr__(self, "lag", float(check_row("servo_lag", self.lag, argument="lag")))
         flag("reactive", self.reactive)
         integer("substeps", self.substeps, 1, MAXIMUM_SUBSTEPS)
 

@@ -138,11 +138,13 @@ def exported() -> Any:
 
 def printed() -> Any:
     """Return the physics in JavaScript, and a model in C with its test vectors, as written."""
-    from aquafish_gym import Morphology, code_generation
+    from aquafish_gym import Morphology
+    from aquafish_gym.code_generation import robot_code
     from gait.controllers.export_model import export_model
 
-    functions = set(code_generation.FUNCTIONS) - {code_generation.step_reactive}
-    script = code_generation.javascript(*sorted(functions, key=lambda f: f.__name__))
+    code = robot_code()
+    functions = set(code.functions) - {code.step_reactive}
+    script = code.javascript(*sorted(functions, key=lambda f: f.__name__))
     with tempfile.TemporaryDirectory() as folder:
         files = export_model(Morphology.nominal(), f"{folder}/model.c")
         return [script, *(path.read_text() for path in files)]

@@ -81,7 +81,7 @@ def test_neat_python_baseline_swims_the_same_distance() -> None:
 def test_mujoco_baseline_turns_the_same_fins() -> None:
     """It would be no comparison if its servos did not follow, or if it had given up."""
     pytest.importorskip("mujoco")
-    from aquafish_gym.physics.kinematics import SWEEP
+    from aquafish_gym.plans import AQUAFISH
     from instruments.benchmarks.mujoco_rollout import Rollout
     from instruments.verification.trials import random_trials
 
@@ -97,7 +97,10 @@ def test_mujoco_baseline_turns_the_same_fins() -> None:
     assert states.shape == (40, 200, 20)
     away = states[:, :, 8:10] - log.fin_angles[:, :, :2]
     assert abs(np.sin(away / 2)).max() < 1e-4
-    assert abs(states[:, :, 10] - SWEEP * np.sin(log.fin_angles[:, :, 2])).max() < 1e-4
+    assert (
+        abs(states[:, :, 10] - AQUAFISH.fins[-1].sweep * np.sin(log.fin_angles[:, :, 2])).max()
+        < 1e-4
+    )
     assert len(np.unique(states[:, -1, 1])) == 40
     assert abs(states[:, -1, 1:4] - dry[:, -1, 1:4]).max() > 0.01  # there is water
 

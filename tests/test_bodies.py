@@ -14,11 +14,12 @@ import pytest
 
 import aquafish_gym  # noqa: F401  # registers the environments
 from aquafish_gym.bodies import BODIES_SCHEMA, body_array, read_bodies, write_bodies
-from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.command_line import read_morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-BODIES = np.random.default_rng(5).uniform(0.0, 1.0, (3, 9)) * MAXIMA
+BODIES = np.random.default_rng(5).uniform(0.0, 1.0, (3, 9)) * AQUAFISH.maxima
 TAILLESS = {"caudal": (0.0, 0.0, 0.0)}
 
 
@@ -46,7 +47,7 @@ def test_bodies_are_whatever_makes_them() -> None:
     "body", [[1.0, 2.0, 3.0], np.ones((2, 12)), {"dorsal": (1.0, 1.0, 1.0)}, "fish.urdf"]
 )
 def test_another_body_plan_is_refused_with_what_to_use(body: Any, tmp_path: Path) -> None:
-    words = "another body plan is not possible yet: use eea.Robot .*FaultWrapper"
+    words = "another fish has a BodyPlan of its own.*eea.Robot .*FaultWrapper"
     with pytest.raises(InvalidArgumentError, match=words):
         gym.make("AquaFish-v0", morphology=body)
     with pytest.raises(InvalidArgumentError, match=words):

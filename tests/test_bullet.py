@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.bullet.push import compiled_push, push
+from aquafish_gym.engines.bullet.push import compiled_push
 from aquafish_gym.engines.bullet.simulate import simulate_bullet
 from aquafish_gym.engines.bullet.world import BulletWorld
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.kinematics import State, at_rest, drive, rotation
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from instruments.verification.trials import Trials
 
@@ -40,11 +40,11 @@ def world() -> Iterator[BulletWorld]:
 def random_trials(batch: int, seed: int, without: float = 0.0) -> Trials:
     """Draw trials; each dimension is zero with the probability ``without``."""
     rng = np.random.default_rng(seed)
-    bodies = rng.uniform(0, MAXIMA, (batch, 9))
+    bodies = rng.uniform(0, AQUAFISH.maxima, (batch, 9))
     bodies[rng.random(bodies.shape) < without] = 0.0
     return Trials(
         bodies,
-        rng.uniform(COMMAND_LOW, COMMAND_HIGH, (batch, 3)),
+        rng.uniform(AQUAFISH.command_low, AQUAFISH.command_high, (batch, 3)),
         rng.uniform(-math.pi, math.pi, (batch, 3)),
     )
 
@@ -75,13 +75,13 @@ def by_hand(
     for body, command, angles in zip(
         trials.morphologies, trials.commands, trials.fin_angles, strict=True
     ):
-        robot = robot_from_column(robot_parameters(body[None])[:, 0])
-        state: State = at_rest((float(angles[0]), float(angles[1]), float(angles[2])))
+        robot = robot_of(layout(AQUAFISH).robots(body[None])[:, 0].tolist())
+        state: State = at_rest(angles.tolist())
         by = drive((float(command[0]), float(command[1]), float(command[2])), h)
         rpy, rows_here = (0.0, 0.0, 0.0), []
         for _ in range(steps):
             for _ in range(substeps):
-                state = step(robot, state, by, current, h)
+                state = step(AQUAFISH, robot, state, by, current, h)
             rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             rows_here.append((rpy, state.spin, state.position))
         rows.append(rows_here)
@@ -116,7 +116,7 @@ def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None
     """Trap: an inertia set beside damping lands on the base; without a shape it is zero."""
     body = random_trials(1, 3).morphologies[0]
     world.start(start(body, STILL))
-    p, column = load_pybullet(), robot_parameters(body[None])[:, 0][:-1].reshape(3, 8)
+    p, column = load_pybullet(), layout(AQUAFISH).robots(body[None])[:, 0][:-1].reshape(3, 8)
     for link in range(3):
         info = p.getDynamicsInfo(world._robot, link, physicsClientId=world._client)
         inertia = column[link, 4:7] if link < 2 else column[link, 6:3:-1]
@@ -127,7 +127,7 @@ def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None
 
 def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     command, angles = (0.5, -0.5, 1.0), (0.3, -2.0, 1.0)
-    world.start(start(MAXIMA, angles))
+    world.start(start(AQUAFISH.maxima, angles))
     world.advance(command, 200)
     (left, left_rate, *_), (right, *_), (tail, tail_rate, *_) = world._bullet.getJointStates(
         world._robot, [0, 1, 2], physicsClientId=world._client
@@ -136,7 +136,7 @@ def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     assert left == pytest.approx(0.3 + 2 * math.pi, abs=1e-12)
     assert right == pytest.approx(-2.0 - 2 * math.pi, abs=1e-12)
     assert left_rate == pytest.approx(math.pi, abs=1e-12)
-    assert tail == pytest.approx(caudal_angle(state.phase), abs=1e-12)
+    assert tail == pytest.approx(AQUAFISH.fins[-1].sweep * state.joints[-1], abs=1e-12)
     assert tail_rate == pytest.approx(state.rates[2], abs=1e-12)
 
 
@@ -147,14 +147,15 @@ def test_a_reset_forgets_everything(world: BulletWorld) -> None:
         return (world.position, world.orientation, world.velocity, world.world_spin)
 
     first = swim()
-    world.start(start(MAXIMA, (1.0, 2.0, 3.0)))
+    world.start(start(AQUAFISH.maxima, (1.0, 2.0, 3.0)))
     world.advance((-0.5, 0.2, 1.0), 50)
     assert swim() == first
 
 
 def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld) -> None:
     ends = []
-    for either in (compiled_push(push), push):
+    push = compiled_push(AQUAFISH, reactive=False)
+    for either in (push, push.py_func):  # type: ignore[attr-defined]
         world.start(start(NOMINAL, (0.1, 0.2, 0.3)))
         world._push = either
         world.advance((0.4, -0.3, 0.6), 100)

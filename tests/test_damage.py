@@ -19,11 +19,13 @@ from aquafish_gym import held_out
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
 from aquafish_gym.damage.held_out import lists
 from aquafish_gym.damage.words import PARTS, can_grow
-from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
-fins, channels = st.sampled_from(FINS), st.sampled_from(CHANNELS)
+fins, channels = st.sampled_from(AQUAFISH.names), st.sampled_from(CHANNELS)
 seconds = st.floats(0.0, 1e6)
 onsets = st.one_of(
     st.just(0.0), seconds, st.tuples(seconds, seconds).map(lambda two: tuple(sorted(two)))
@@ -153,7 +155,7 @@ def test_bad_text_is_refused(text: str, sentence: str) -> None:
 def test_entangled_fin_gains_a_share_of_the_width_it_lacks() -> None:
     before = Morphology.nominal().to_array()
     after = Damage.parse("left_pectoral:entangled=0.25").apply(Morphology.nominal()).to_array()
-    assert after[0] == pytest.approx(before[0] + 0.25 * (MAXIMA[0] - before[0]))
+    assert after[0] == pytest.approx(before[0] + 0.25 * (AQUAFISH.maxima[0] - before[0]))
     np.testing.assert_array_equal(after[1:], before[1:])
 
 

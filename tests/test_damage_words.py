@@ -18,7 +18,8 @@ from aquafish_gym.damage.words import (
     Range,
     needs_number,
 )
-from aquafish_gym.morphology import FINS, SIZES
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.runs.command_line import AnyDamage, EpisodeDamage
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -80,7 +81,7 @@ def test_tiers_stay_within_the_grammar(tier: str) -> None:
 
 @pytest.mark.parametrize("word", FIRST_NUMBERS)
 def test_recognition_searches_a_part_of_the_grammars_range(word: str) -> None:
-    for fin in FINS:
+    for fin in AQUAFISH.names:
         number = PARTS[fin][word]
         assert needs_number(number) == (word in NUMBERED)
         if needs_number(number):

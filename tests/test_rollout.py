@@ -19,7 +19,8 @@ from aquafish_gym.envs.tasks import (
     Task,
 )
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import Scenario
@@ -213,7 +214,7 @@ def test_a_program_from_a_state_believes_the_angles_of_that_state() -> None:
     there = rollout(program, Scenario.create(fin_angles=angles), seconds=2.0)
     dead = Damage.parse("caudal:dead").edit(Scenario.create())
     elsewhere = replace(dead, servo_gain=np.ones((1, 3)))
-    start = start_rows(angles)
+    start = layout(AQUAFISH).start(angles)
     np.testing.assert_array_equal(
         there.end, rollout(program, elsewhere, seconds=2.0, start=start).end
     )

@@ -15,7 +15,8 @@ from aquafish_gym.engines.world_batch import WorldBatch
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.batching import make_swimmers
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import angles_of_rows, start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
@@ -137,8 +138,8 @@ def test_no_swim_begins_before_the_angles_are_drawn(start: str) -> None:
 
 def test_robots_in_mid_swim_have_no_angle_to_draw() -> None:
     """A servo that died is where it was; an agent imagines such robots from a state."""
-    state = start_rows(np.array([(0.0, 0.0, 1.0)]))
+    state = layout(AQUAFISH).start(np.array([(0.0, 0.0, 1.0)]))
     lanes = LaneBatch(dead(3), np.float64, states=state)
     lanes.advance(np.full((3, 3), 0.5), 10)
     assert not lanes.diverged.any()
-    np.testing.assert_allclose(angles_of_rows(lanes.states)[2], 1.0)
+    np.testing.assert_allclose(layout(AQUAFISH).angles(lanes.states)[2], 1.0)

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import scene
 
 NOMINAL = Morphology.nominal()
@@ -26,9 +27,9 @@ def placed(
     angles: ArrayLike = (0, 0, 0),
 ) -> dict[str, tuple[Any, Any, Any]]:
     """Return size, colour and pose of each part that is drawn, by name."""
-    marked = [fin in broken for fin in FINS]
+    marked = [fin in broken for fin in AQUAFISH.names]
     robots = scene.place_robots([body.to_array()], [marked], [pose], [turn], [angles])
-    parts = zip(scene.DRAWN_PARTS, *(field[0] for field in robots), strict=True)
+    parts = zip(scene.drawn_parts(), *(field[0] for field in robots), strict=True)
     return {name: part for name, *part in parts if part[0].any()}
 
 
@@ -36,7 +37,7 @@ def test_fins_hang_from_their_hinges() -> None:
     turn = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # yaw 90 degrees
     angles = (0.0, math.pi / 2, math.pi / 2)
     parts = placed(NOMINAL, (), (1.0, 2.0, 3.0), turn, angles)
-    left, right, tail = (parts[fin][2][:3] for fin in FINS)
+    left, right, tail = (parts[fin][2][:3] for fin in AQUAFISH.names)
     np.testing.assert_allclose(left, (1 - 1.0 + 0.8, 2 - 0.75, 3.0), atol=1e-12)
     np.testing.assert_allclose(right, (1 - 1.0, 2 + 0.75, 3.0 - 0.8), atol=1e-12)
     # The tail's phase of 90 degrees is its full sweep of 30.
@@ -61,7 +62,7 @@ def test_fins_agree_with_rotations_of_scipy() -> None:
         ),
     )
     for pose, (hinge, angle, length) in zip(
-        np.moveaxis(poses, 1, 0)[scene.FIN_PARTS], joints, strict=True
+        np.moveaxis(poses, 1, 0)[scene.fin_parts()], joints, strict=True
     ):
         fin = body * Rotation.from_rotvec(angle)
         centre = positions + body.apply(hinge) + fin.apply((0.0, -length / 2, 0.0))
@@ -74,7 +75,12 @@ def test_fins_agree_with_rotations_of_scipy() -> None:
 def test_a_fin_without_area_is_not_drawn_and_leaves_its_break() -> None:
     missing = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
     plate = Morphology.coerce({"caudal": (0.0, 1.0, 0.5)})
-    assert list(placed(missing)) == ["body", "left_mount", "right_mount", *FINS[:2]]
+    assert list(placed(missing)) == [
+        "body",
+        "left_pectoral_mount",
+        "right_pectoral_mount",
+        *AQUAFISH.names[:2],
+    ]
     assert min(placed(plate)["caudal"][0]) > 0
     parts = placed(missing, ("caudal",))
     assert list(parts)[-1] == "caudal_break"

@@ -194,5 +194,5 @@ def _readings(observation: ArrayLike) -> tuple[Floats, tuple[int, ...]]:
     given = real_array("observation", observation, wanted)
     if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
         raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
-    readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits(False, False))
+    readings = valid_readings(given.reshape(-1)[: len(CHANNELS)], limits())
     return observed_directions(readings), given.shape[:-1]

@@ -13,7 +13,8 @@ from aquafish.online.belief import SurpriseMonitor
 from aquafish.online.case import Moment
 from aquafish.online.search import mismatch
 from aquafish.online.self_model import FIN_ERRORS, VELOCITY_ERRORS, SelfModel, noise_of, predict
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
@@ -256,7 +257,10 @@ def find_fins(
             [
                 mismatch(
                     predict(
-                        robot.take(np.zeros(len(poses), np.intp)), start_rows(poses), actions, hold
+                        robot.take(np.zeros(len(poses), np.intp)),
+                        layout(AQUAFISH).start(poses),
+                        actions,
+                        hold,
                     )[0],
                     observed,
                     noise_of(robot),

@@ -20,7 +20,8 @@ from aquafish.online.self_model import SENSOR_FIELDS, SelfModel, imu_readings
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -161,7 +162,7 @@ def swim_ahead(swimmer: Swimmer, model: SelfModel, actions: int, seconds: float)
     last: NDArray[np.float32] = np.zeros(3, np.float32)
     for k in range(1, actions + round(seconds / dt) + 1):
         action = copy.act(model.robot, state)
-        lanes.advance(scale_action(action[None]), model.hold)
+        lanes.advance(scale_action(AQUAFISH, action[None]), model.hold)
         state = lanes.states[:, 0].astype(np.float64)
         if k == actions:
             begin, last = state, action
@@ -223,7 +224,7 @@ class _ControllerSwimmer:
     _agent: ControllerAgent
 
     def act(self, robot: Scenario, state: Floats) -> NDArray[np.float32]:  # noqa: ARG002
-        self._agent.fin_angles = angles_of_rows(state)[None]
+        self._agent.fin_angles = layout(AQUAFISH).angles(state)[None]
         return self._agent.act(imu_readings(state[:, None])[0])
 
     def after(self, actions: int) -> ControllerGait:  # noqa: ARG002
@@ -278,7 +279,7 @@ def imagine(
     controllers = check_controllers(controllers)
     if len(instance("robot", robot, Scenario)) != 1:
         raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
-    state = finite_array("state", state, (STATE_ROWS,))
+    state = finite_array("state", state, (layout(AQUAFISH).state_rows,))
     seconds = float(finite_array("seconds", seconds, (), TIMESTEP, unit="s"))
     sensors = {name: np.zeros_like(getattr(robot, name)) for name in SENSOR_FIELDS}
     whole = replace(robot, **sensors)

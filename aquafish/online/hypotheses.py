@@ -16,7 +16,7 @@ from aquafish.online import thresholds
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.damage.words import PARTS, Range, needs_number
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -106,7 +106,7 @@ class DamageGrid(NamedTuple):
                 (*self.words, (fin, word)),
                 _rows([*((number,) for number in self.numbers[0].tolist()), numbers]),
             )
-            for fin in FINS
+            for fin in AQUAFISH.names
             if fin not in broken_fins
             for word, numbers in FIRST_NUMBERS.items()
         ]
@@ -147,11 +147,11 @@ def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
 @cache
 def all_hypotheses() -> tuple[DamageGrid, ...]:
     """Return nothing broken, each word, two words about two fins, and two sizes of one fin."""
-    singles = [(fin, word) for fin in FINS for word in FIRST_NUMBERS]
+    singles = [(fin, word) for fin in AQUAFISH.names for word in FIRST_NUMBERS]
     apart = [pair for pair in combinations(singles, 2) if pair[0][0] != pair[1][0]]
     together = [
         ((fin, one), (fin, other))
-        for fin in FINS
+        for fin in AQUAFISH.names
         for one, other in combinations(("length", "width", "weak"), 2)
     ]
     several = [(), *((one,) for one in singles), *apart, *together]

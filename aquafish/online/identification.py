@@ -14,15 +14,16 @@ import numpy as np
 from aquafish.online import thresholds
 from aquafish.online.hypotheses import DamageGrid, broken
 from aquafish.online.search import Candidate, Search, cost_of
-from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA, SIZES
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Flags, Floats
 
 #: What is fitted, in the order of a change (12,): a logarithm of a factor on a size, or what is
 #: added to a factor on a gain.
-_WORDS = tuple((fin, word) for fin in FINS for word in (*SIZES, "weak"))
+_WORDS = tuple((fin, word) for fin in AQUAFISH.names for word in (*SIZES, "weak"))
 _IS_GAIN = np.array([word == "weak" for _, word in _WORDS])
-_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
+_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(AQUAFISH.dimensions)}
 _SIZES = [_COLUMNS[words] for words in _WORDS if words in _COLUMNS]
 _LARGEST_GAIN = 2.0  # of a servo, and factor on one
 _ROUNDING = 1e-9
@@ -116,7 +117,7 @@ def _limits(before: Scenario) -> tuple[Floats, Floats]:
     low = np.full(len(_WORDS), np.log(thresholds.NUMBER_MARGIN))
     high = np.zeros(len(_WORDS))
     sizes = before.body[0, _SIZES]
-    room = MAXIMA[_SIZES] / np.where(sizes, sizes, np.inf) * (1.0 - _ROUNDING)
+    room = AQUAFISH.maxima[_SIZES] / np.where(sizes, sizes, np.inf) * (1.0 - _ROUNDING)
     high[~_IS_GAIN] = np.log(room, out=np.zeros_like(room), where=room > 0.0)
     gains = np.abs(before.servo_gain[0])
     most = _LARGEST_GAIN / np.maximum(gains, 1.0) * (1.0 - _ROUNDING)

@@ -35,7 +35,8 @@ from aquafish.online.early import EarlyWatch, early_drift
 from aquafish.online.recognition import Recognised, alike
 from aquafish.online.self_model import SelfModel, noise_of, predict
 from aquafish_gym.damage import Damage
-from aquafish_gym.physics.layout import angles_of_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -154,7 +155,7 @@ class Calibrating:
         check = (early is None or early.known is None) and not explaining
         enough = calibration.add(moment.action, moment.observed, check)
         if unknown and not calibration.unknown:
-            episode.log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
+            episode.log("fins", str(layout(AQUAFISH).angles(self.model.state).round(2).tolist()))
             episode.chooser.begin(self.model)
         if episode.steps == thresholds.WATER_ACTIONS and calibration.other_water and not explaining:
             episode.log("water", calibration.other_water)

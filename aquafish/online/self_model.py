@@ -15,15 +15,8 @@ from scipy.spatial.transform import Rotation
 from aquafish.online import thresholds
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import (
-    FIELDS,
-    LEFT,
-    RATES,
-    STATE_ROWS,
-    angles_of_rows,
-    start_rows,
-    state_from_numbers,
-)
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
 from aquafish_gym.sense import imu
 from aquafish_gym.utils.array_types import Floats
@@ -99,7 +92,7 @@ class SelfModel:
             finite_array("start_error", start_error, (ERROR_SIZE,), 0.0) ** 2
         )
         self.log_likelihood = 0.0
-        self.become(robot, start_rows(angles[None])[:, 0])
+        self.become(robot, layout(AQUAFISH).start(angles[None])[:, 0])
 
     def copy(self) -> SelfModel:
         """Return a model that goes on from the same state by itself."""
@@ -123,7 +116,9 @@ class SelfModel:
         spread = _POINTS @ np.linalg.cholesky(self.covariance).T
         points = moved(self.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
         self._lanes.states[:] = points
-        self._lanes.advance(np.tile(scale_action(action), (points.shape[1], 1)), self.hold)
+        self._lanes.advance(
+            np.tile(scale_action(AQUAFISH, action), (points.shape[1], 1)), self.hold
+        )
         ended = self._lanes.states.astype(np.float64)
         errors = state_errors(ended[:, 1:], ended[:, 0])
         mean = errors.mean(axis=0)
@@ -199,14 +194,15 @@ def predict(
     count = len(instance("robots", robots, Scenario))
     actions = finite_array("actions", actions, (None, 3))
     integer("hold", hold, 1, MAXIMUM_ACTION_STEPS)
-    states = real_array("states", states, f"({STATE_ROWS}, {count})")
-    if states.shape not in ((STATE_ROWS,), (STATE_ROWS, 1), (STATE_ROWS, count)):
+    rows = layout(robots.plan).state_rows
+    states = real_array("states", states, f"({rows}, {count})")
+    if states.shape not in ((rows,), (rows, 1), (rows, count)):
         raise InvalidArgumentError(
-            f"states must have shape ({STATE_ROWS},) or ({STATE_ROWS}, {count}); got {states.shape}"
+            f"states must have shape ({rows},) or ({rows}, {count}); got {states.shape}"
         )
     lanes = LaneBatch(robots, threads=1, states=states.reshape(len(states), -1))
     observed = np.empty((len(robots), len(actions), 9))
-    for k, command in enumerate(scale_action(actions)):
+    for k, command in enumerate(scale_action(AQUAFISH, actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)
         observed[:, k] = np.transpose(imu(lanes.state()))
     return observed, lanes.states.astype(np.float64)
@@ -236,7 +232,7 @@ def noise_of(robot: Scenario) -> Floats:
 
 def imu_readings(states: Floats) -> Floats:
     """Return what the inertial measurement unit observes, (N, 9), in states (25, N)."""
-    return np.array(imu(state_from_numbers(states))).T
+    return np.array(imu(layout(AQUAFISH).state(states))).T
 
 
 def moved(state: Floats, errors: Floats) -> Floats:
@@ -247,8 +243,9 @@ def moved(state: Floats, errors: Floats) -> Floats:
     states[FIELDS["orientation"]] = turned.as_quat().T
     states[FIELDS["velocity"]] += errors[:, VELOCITY_ERRORS].T
     states[FIELDS["spin"]] += errors[:, SPIN_ERRORS].T
-    angles = angles_of_rows(state)[:, None] + errors[:, FIN_ERRORS].T
-    states[LEFT:RATES:2], states[LEFT + 1 : RATES : 2] = np.cos(angles), np.sin(angles)
+    angles = layout(AQUAFISH).angles(state)[:, None] + errors[:, FIN_ERRORS].T
+    joints = states[layout(AQUAFISH).joints]
+    joints[::2], joints[1::2] = np.cos(angles), np.sin(angles)
     return states
 
 
@@ -256,7 +253,7 @@ def state_errors(states: Floats, state: Floats) -> Floats:
     """Return the errors (N, 12) by which states (25, N) differ from one (25,)."""
     before = Rotation.from_quat(state[FIELDS["orientation"]])
     turn = before.inv() * Rotation.from_quat(states[FIELDS["orientation"]].T)
-    angles = angles_of_rows(states) - angles_of_rows(state)[:, None]
+    angles = layout(AQUAFISH).angles(states) - layout(AQUAFISH).angles(state)[:, None]
     errors: Floats = np.concatenate(
         [
             turn.as_rotvec().T,

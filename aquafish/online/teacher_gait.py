@@ -20,7 +20,8 @@ from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
-from aquafish_gym.physics.layout import FIELDS, LEFT, RATES
+from aquafish_gym.physics.layout import FIELDS, JOINTS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.sense import up_and_north
 from aquafish_gym.utils.array_types import Floats
@@ -39,7 +40,9 @@ from gait.swims.scores import penalize_diverged
 
 CLOCK = 0.7  # Hz, that of the library's first gait
 _PHASE = 6  # of the numbers
-_FIN_ROWS = [row + at for row in range(LEFT, RATES, 2) for at in (1, 0)]  # sine, then cosine
+_FIN_ROWS = [
+    JOINTS + 2 * fin + at for fin in range(len(AQUAFISH.fins)) for at in (1, 0)
+]  # sine, then cosine
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +101,7 @@ class TeacherGait:
         with np.errstate(over="ignore", invalid="ignore"):  # of robots that diverge
             for _ in range(round(seconds / (INTERVAL * TIMESTEP))):
                 action = network.act(lanes.states)
-                lanes.advance(np.array(servo_speeds(tuple(action))).T, INTERVAL)
+                lanes.advance(np.array(servo_speeds(AQUAFISH, tuple(action))).T, INTERVAL)
         far = lanes.states[NORTHING].astype(np.float64) - state[NORTHING]
         return penalize_diverged(far, seconds)
 

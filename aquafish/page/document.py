@@ -12,8 +12,8 @@ from string import Template
 from aquafish.page.program import page_file, program
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage.words import PHRASES
-from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import TRAILS
 from aquafish_gym.rendering.replay import css, packed_library, web_file, whole_page
@@ -75,15 +75,16 @@ def live_page() -> str:
         "slowFrame": 1000 / FEWEST_FRAMES,
         "clearance": scene.CLEARANCE,
         "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
-        "firstFin": scene.FIN_PARTS.start,
-        "capsule": scene.CAPSULE[:2],
+        "firstFin": scene.fin_parts().start,
+        "capsule": (2 * AQUAFISH.hull.radius, AQUAFISH.hull.length),
         "colours": colours,
-        "finWords": FIN_WORDS,
+        "finWords": AQUAFISH.words,
         "phrases": {word: phrase.replace(" at #", "") for word, phrase in PHRASES.items()},
         "breaks": BREAKS,
     }
     fins = "\n".join(
-        f'<option value="{i}">{html.escape(FIN_WORDS[fin])}</option>' for i, fin in enumerate(FINS)
+        f'<option value="{i}">{html.escape(AQUAFISH.words[fin])}</option>'
+        for i, fin in enumerate(AQUAFISH.names)
     )
     view = web_file("scene.js") + page_file("panel.js") + page_file("view.js")
     body = Template(page_file("page.html")).substitute(

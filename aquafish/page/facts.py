@@ -11,11 +11,10 @@ from aquafish.online.belief import chance_bound
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED, all_hypotheses, searched_range
 from aquafish.online.self_model import ERROR_SIZE
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage.breaking import break_part
-from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA
-from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
-from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
@@ -46,18 +45,21 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         ).tolist(),
         "northing": FIELDS["position"].start + 1,
         "errors": ERROR_SIZE,
-        "stateRows": STATE_NUMBERS,
-        "robotRows": ROBOT_ROWS,
-        "parts": PART_NUMBERS * len(DRAWN_PARTS),
-        "fins": FINS,
-        "sizes": [d.nominal for d in DIMENSIONS],
-        "maxima": MAXIMA.tolist(),
+        "stateRows": layout(AQUAFISH).state_numbers,
+        "robotRows": layout(AQUAFISH).robot_rows,
+        "parts": PART_NUMBERS * len(drawn_parts()),
+        "fins": AQUAFISH.names,
+        "sizes": [d.nominal for d in AQUAFISH.dimensions],
+        "maxima": AQUAFISH.maxima.tolist(),
         "columns": {
-            fin: {d.size: i for i, d in enumerate(DIMENSIONS) if d.fin == fin} for fin in FINS
+            fin: {d.size: i for i, d in enumerate(AQUAFISH.dimensions) if d.fin == fin}
+            for fin in AQUAFISH.names
         },
-        "middle": ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist(),
-        "reach": ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist(),
-        "effects": {fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in FINS},
+        "middle": ((AQUAFISH.command_low + AQUAFISH.command_high) / 2).tolist(),
+        "reach": ((AQUAFISH.command_high - AQUAFISH.command_low) / 2).tolist(),
+        "effects": {
+            fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in AQUAFISH.names
+        },
         "singles": singles(),
         "numberRanges": {
             word: searched_range(word) if word in NUMBERED else (0.0, 0.0) for word in FIRST_NUMBERS
@@ -98,7 +100,7 @@ def effects(fin: str, word: str) -> list[tuple[float, ...]]:
     ``a + b x + (c + d x) value``. Found by breaking robots.
     """
     values, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
-    robots = Scenario.create(np.tile(values[:, None], len(DIMENSIONS)))
+    robots = Scenario.create(np.tile(values[:, None], len(AQUAFISH.dimensions)))
     robots.servo_gain[:] = values[:, None]
     break_part(robots.columns(), slice(None), fin, word, numbers)
     after = np.concatenate([robots.body, robots.servo_gain], axis=1)

@@ -11,8 +11,7 @@ from typing import Any
 from aquafish.online.self_model import ERROR_SIZE
 from aquafish.page.facts import GAIT_SENSES, agent_facts
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
-from aquafish_gym import code_generation
-from aquafish_gym.morphology import FINS
+from aquafish_gym.code_generation import robot_code
 from aquafish_gym.physics.arithmetic import (
     TAU,
     add,
@@ -27,23 +26,18 @@ from aquafish_gym.physics.arithmetic import (
     subtract,
     where_less,
 )
-from aquafish_gym.physics.kinematics import joint_angles, turn, turned
-from aquafish_gym.physics.layout import (
-    STATE_NUMBERS,
-    fetch_state,
-    fetch_vector,
-    put_state,
-    put_vector,
-)
+from aquafish_gym.physics.kinematics import joint_angles, pairs, turn, turned
+from aquafish_gym.physics.layout import fetch_vector, layout, put_vector, state_numbers, state_of
 from aquafish_gym.physics.printing import JAVASCRIPT, printed, trace
-from aquafish_gym.rendering.scene import DRAWN_PARTS, PART_NUMBERS, place_parts
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts, place_parts
 from aquafish_gym.sense import up_and_north
 from gait.controllers.network import put_inputs
 
 
 def place_fish(sizes: Any, broken: Any, state: Any, parts: Any) -> None:
     """Set what is drawn of a fish: of each part centre, turn, size and colour, in body axes."""
-    angles = joint_angles(fetch_state(state, 0, 1, 0.0))
+    angles = joint_angles(state_of(list(state)).joints)
     numbers = [x for part in place_parts(sizes, broken, angles) for field in part for x in field]
     for i, number in enumerate(numbers):
         is_colour = i % PART_NUMBERS >= PART_NUMBERS - 3
@@ -52,30 +46,29 @@ def place_fish(sizes: Any, broken: Any, state: Any, parts: Any) -> None:
 
 def sense_inputs(state: Any, turns: Any, values: Any) -> None:
     """Set the inputs of a gait's network in a state, after its clock has made ``turns`` (1,)."""
-    now = fetch_state(state, 0, 1, 0.0)
+    now = state_of(list(state))
     up, north = up_and_north(now.orientation)
-    fins = scale(1 / TAU, joint_angles(now))
+    fins = tuple((1 / TAU) * angle for angle in joint_angles(now.joints))
     way = (0.0, 0.0, 0.0)
     put_inputs(values, GAIT_SENSES.layout, turns[0], up, north, now.spin, fins, way)
 
 
 def move(state: Any, error: Any, found: Any) -> None:
     """Set the state that differs from one by an error (12,): ``self_model.moved``."""
-    before = fetch_state(state, 0, 1, 0.0)
-    rotation, velocity, spin, fins = (fetch_vector(error, 3 * i, 0, 1, 0.0) for i in range(4))
-    left, right, phase = (
+    before = state_of(list(state))
+    rotation, velocity, spin = (fetch_vector(error, 3 * i, 0, 1, 0.0) for i in range(3))
+    joints = [
         turned(pair, cosine_sine(angle))
-        for pair, angle in zip((before.left, before.right, before.phase), fins, strict=True)
-    )
+        for pair, angle in zip(pairs(before.joints), error[9:], strict=True)
+    ]
     after = before._replace(
         orientation=turn(before.orientation, rotation, 1.0),
         velocity=add(before.velocity, velocity),
         spin=add(before.spin, spin),
-        left=left,
-        right=right,
-        phase=phase,
+        joints=tuple(x for pair in joints for x in pair),
     )
-    put_state(found, 0, 1, after)
+    for row, number in enumerate(state_numbers(after)):
+        put(found, row, number)
 
 
 def state_error(state: Any, other: Any, error: Any) -> None:
@@ -83,7 +76,7 @@ def state_error(state: Any, other: Any, error: Any) -> None:
 
     Their attitudes differ by less than half a turn, and their quaternions have the same sign.
     """
-    now, then = (fetch_state(one, 0, 1, 0.0) for one in (state, other))
+    now, then = (state_of(list(one)) for one in (state, other))
     a = now.orientation
     b = then.orientation
     real = fma(a[3], b[3], dot(a[:3], b[:3]))
@@ -93,21 +86,33 @@ def state_error(state: Any, other: Any, error: Any) -> None:
     put_vector(error, 0, 0, 1, scale(where_less(sine, 1e-12, 2.0, angle / (sine + 1e-30)), axis))
     put_vector(error, 3, 0, 1, subtract(now.velocity, then.velocity))
     put_vector(error, 6, 0, 1, subtract(now.spin, then.spin))
-    pairs = (now.left, then.left), (now.right, then.right), (now.phase, then.phase)
-    for i, ((c, s), (c0, s0)) in enumerate(pairs):
+    both = zip(pairs(now.joints), pairs(then.joints), strict=True)
+    for i, ((c, s), (c0, s0)) in enumerate(both):
         put(error, 9 + i, arctangent2(fma(s, c0, -(c * s0)), fma(c, c0, s * s0)))
 
 
 _FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
     place_fish: {
-        "sizes": 3 * len(FINS),
-        "broken": len(FINS),
-        "state": STATE_NUMBERS,
-        "parts": PART_NUMBERS * len(DRAWN_PARTS),
+        "sizes": 3 * len(AQUAFISH.names),
+        "broken": len(AQUAFISH.names),
+        "state": layout(AQUAFISH).state_numbers,
+        "parts": PART_NUMBERS * len(drawn_parts()),
     },
-    sense_inputs: {"state": STATE_NUMBERS, "turns": 1, "values": len(GAIT_SENSES.names)},
-    move: {"state": STATE_NUMBERS, "error": ERROR_SIZE, "found": STATE_NUMBERS},
-    state_error: {"state": STATE_NUMBERS, "other": STATE_NUMBERS, "error": ERROR_SIZE},
+    sense_inputs: {
+        "state": layout(AQUAFISH).state_numbers,
+        "turns": 1,
+        "values": len(GAIT_SENSES.names),
+    },
+    move: {
+        "state": layout(AQUAFISH).state_numbers,
+        "error": ERROR_SIZE,
+        "found": layout(AQUAFISH).state_numbers,
+    },
+    state_error: {
+        "state": layout(AQUAFISH).state_numbers,
+        "other": layout(AQUAFISH).state_numbers,
+        "error": ERROR_SIZE,
+    },
 }
 
 
@@ -119,12 +124,8 @@ def program(seconds: float = GAIT_HORIZON_SECONDS) -> str:
     run it, and so does node.
     """
     facts = json.dumps(agent_facts(seconds), separators=(",", ":"), allow_nan=False)
-    physics = code_generation.javascript(
-        code_generation.robot_rows,
-        code_generation.start,
-        code_generation.step,
-        code_generation.sense,
-    )
+    code = robot_code(AQUAFISH)
+    physics = code.javascript(code.robot_rows, code.start, code.step, code.sense)
     own = [printed(f.__name__, trace(f, **sizes), JAVASCRIPT) for f, sizes in _FUNCTIONS.items()]
     begin = f'"use strict";\nconst FACTS = {facts};'
     hand_written = page_file("agent.js"), page_file("words.js")

@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from aquafish.recovery.page import shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS, Treatment, path_from_dict
-from aquafish_gym import DIMENSIONS, Morphology
-from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -92,7 +92,9 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         t: Morphology.coerce(outcomes[t][shown]["morphology"])
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    broken = [fin for fin in FINS if getattr(job.morphology, fin) != getattr(job.target, fin)]
+    broken = [
+        fin for fin in AQUAFISH.names if getattr(job.morphology, fin) != getattr(job.target, fin)
+    ]
     figure = new_figure(2.63 * len(bodies), 3.1, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
@@ -139,7 +141,7 @@ def sizes_figure(job: Treatment, outcomes: Outcomes, width: float = WIDE) -> Fig
         100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=TREATMENT_LABELS["out-of-band"]
     )
     axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
-    axes.set_yticks(rows, [f"{FIN_WORDS[d.fin]} {d.size}" for d in DIMENSIONS])
+    axes.set_yticks(rows, [f"{AQUAFISH.words[d.fin]} {d.size}" for d in AQUAFISH.dimensions])
     for row, values in zip(rows, 100 * np.column_stack(columns), strict=True):
         text = ("{:.0f}% [{:.0f}, {:.0f}]" if len(values) > 1 else "{:.0f}%").format(*values)
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")

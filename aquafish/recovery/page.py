@@ -13,8 +13,8 @@ import numpy as np
 
 from aquafish.recovery.report import Outcomes, headline, shown_replicate
 from aquafish.recovery.treatment import TREATMENTS, Treatment, path_from_dict
-from aquafish_gym import DIMENSIONS, Damage, Morphology
-from aquafish_gym.morphology import FIN_WORDS
+from aquafish_gym import Damage, Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering.course import TRAILS, FilmedSwim
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -160,8 +160,8 @@ def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, st
     interval, middle = outcome["interval"], Morphology.coerce(outcome["morphology"]).to_array()
     whole, true = job.morphology.to_array(), job.target.to_array()
     estimates = [
-        f"the {d.size} of the {FIN_WORDS[d.fin]} at {middle[i] / whole[i]:.0%} of what it was"
-        for i, d in enumerate(DIMENSIONS)
+        f"the {d.size} of the {AQUAFISH.words[d.fin]} at {middle[i] / whole[i]:.0%} of what it was"
+        for i, d in enumerate(AQUAFISH.dimensions)
         if true[i] != whole[i]
     ]
     if interval is None:

@@ -16,10 +16,11 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.envs.robots import Robots
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.sense import limits, observe
 from aquafish_gym.utils.array_types import Floats
@@ -136,7 +137,7 @@ class LiveSwim:
     def broken(self, robot: int) -> tuple[str, ...]:
         """Return the names of a robot's broken fins."""
         parts = {fault.part for fault in self.faults(robot)}
-        return tuple(fin for fin in FINS if fin in parts)
+        return tuple(fin for fin in AQUAFISH.names if fin in parts)
 
     def strike(self, damage: str, robots: Sequence[int] | None = None) -> None:
         """Break robots, or all, in mid-swim; onsets count from now.
@@ -185,7 +186,7 @@ class LiveSwim:
                 self._steer()
             left, right, caudal = self.actions.T
             followed = self._robots.follow((left, right, caudal))
-            self._lanes.advance(scale_action(np.stack(followed, axis=1)), stride)
+            self._lanes.advance(scale_action(AQUAFISH, np.stack(followed, axis=1)), stride)
             self.steps += stride
             self.held += stride
             if self._lanes.diverged.any():
@@ -226,22 +227,27 @@ class LiveSwim:
         return edit_each(intact, self._damages, self._stride)
 
     def _observe(self) -> None:
-        truth = observe(state_from_numbers(self.states))
-        most = limits(observe_fins=False, has_goal=False)
+        truth = observe(layout(AQUAFISH).state(self.states))
+        most = limits()
         self.observed = self._robots.sensors.observe(truth, -most, most, self._rng, self._everyone)
 
 
 def part_forces(robot: Scenario, state: Floats) -> Floats:
-    """Return the water's force on left, right, caudal fin and body, (4, 3), in world axes.
+    """Return the water's force on each fin and the hull, (F + 1, 3), in world axes.
 
     By the drag law in a state (25,) of a scenario of one robot. The unit is that of water of
     density 1: 6.25 mN.
     """
-    body = robot_from_column(robot_parameters(robot.body, robot.drag)[:, 0])
-    now, (x, y, z) = state_from_numbers(state.tolist()), robot.current[0].tolist()
-    water, turn = forces(body, now, (x, y, z)), rotation(now.orientation)
-    apart = [Water(*(one if i == k else _NOTHING for i, one in enumerate(water))) for k in range(4)]
-    return np.array([to_world(turn, on_body(now, part)[0]) for part in apart])
+    plan = robot.plan
+    body = robot_of(layout(plan).robots(robot.body, robot.drag)[:, 0].tolist())
+    now, (x, y, z) = layout(plan).state(state), robot.current[0].tolist()
+    water, turn = forces(plan, body, now, (x, y, z)), rotation(now.orientation)
+    parts = (*water.fins, water.body)
+    apart = []
+    for k in range(len(parts)):
+        *fins, hull = (one if i == k else _NOTHING for i, one in enumerate(parts))
+        apart.append(Water(tuple(fins), hull))
+    return np.array([to_world(turn, on_body(plan, now, part)[0]) for part in apart])
 
 
 def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Floats, Floats]:

@@ -26,8 +26,8 @@ from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish.viewer.thoughts import words_about
 from aquafish_gym.damage import Fault
 from aquafish_gym.damage.words import PARTS, needs_number
-from aquafish_gym.morphology import DIMENSIONS, FINS
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, DrawnRobots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
@@ -172,7 +172,7 @@ class Viewer:
                 "robot", 1, max(2, swim.count), 1, 1, visible=swim.count > 1
             )
         with gui.add_folder("Damage"):
-            self.fin = gui.add_dropdown("fin", FINS)
+            self.fin = gui.add_dropdown("fin", AQUAFISH.names)
             self.fault = gui.add_dropdown("fault", FAULT_WORDS)
             self.amount = gui.add_slider("number", 0.0, 1.0, 0.05, 0.5)
             self.everyone = gui.add_checkbox("all robots", False, visible=swim.count > 1)
@@ -186,7 +186,7 @@ class Viewer:
                 gui.add_slider(
                     d.name.replace("_pectoral", "").replace(".", " "),
                     0.0, CM_PER_UNIT * d.maximum, 0.05, CM_PER_UNIT * d.nominal,
-                ) for d in DIMENSIONS
+                ) for d in AQUAFISH.dimensions
             ]  # fmt: skip
         with gui.add_folder("Current, cm/s", expand_by_default=False):
             most = CM_PER_UNIT * MAXIMUM_CURRENT / 5
@@ -247,7 +247,7 @@ class Viewer:
             self._on_page(self._choose, robot, fin)
             self.strike()
 
-        if fin in FINS:
+        if fin in AQUAFISH.names:
             self._ask(strike)
 
     def _choose(self, robot: int, fin: str) -> None:
@@ -350,7 +350,7 @@ class Viewer:
         states = swim.states.copy()
         states[FIELDS["position"]] = places = self._places()
         with self.server.atomic():
-            broken = [[fin in swim.broken(i) for fin in FINS] for i in range(swim.count)]
+            broken = [[fin in swim.broken(i) for fin in AQUAFISH.names] for i in range(swim.count)]
             robots = robots_in(states, swim.robots.body, broken)
             self.robots.show(robots)
             self.world.position = -places.mean(axis=1) if self.follow.value else np.zeros(3)
@@ -358,7 +358,7 @@ class Viewer:
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
                 # Of the fins, then the body; an arrow of no length has no direction.
-                tails = robots.poses[me, np.r_[scene.FIN_PARTS, 0], :3]
+                tails = robots.poses[me, np.r_[scene.fin_parts(), 0], :3]
                 heads = tails + live.part_forces(swim.robots.take(me), states[:, me]) + 1e-3
                 self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()
@@ -397,7 +397,7 @@ class Viewer:
         """Write the readings, the damage, and what the self-model is."""
         swim, state = self.swim, self.swim.states[:, me]
         far = CM_PER_UNIT * state[FIELDS["position"]][1]
-        left, right, phase = np.degrees(angles_of_rows(state))
+        left, right, phase = np.degrees(layout(AQUAFISH).angles(state))
         tail = 30 * math.sin(math.radians(phase))
         push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
         self.reading.content = (

@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.rendering.scene import BODY, DRAWN_PARTS, Colour, DrawnRobots, place_robots
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.rendering.scene import BODY, Colour, DrawnRobots, drawn_parts, place_robots
 from aquafish_gym.utils.array_types import Floats
 
-BOXES = DRAWN_PARTS[1:]
+BOXES = drawn_parts()[1:]
 
 
 def robots_in(states: Floats, bodies: Floats, broken: ArrayLike = False) -> DrawnRobots:
     """Return robots of bodies (B, 9) with broken fins (B, 3) in states (25, B)."""
     position, quaternion = (states[FIELDS[name]].T for name in ("position", "orientation"))
     marked = np.broadcast_to(broken, (len(bodies), 3))
-    return place_robots(bodies, marked, position, quaternion, angles_of_rows(states).T)
+    return place_robots(bodies, marked, position, quaternion, layout(AQUAFISH).angles(states).T)
 
 
 class Shapes:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -24,7 +25,7 @@ _SERVO_WORDS = {
     "weak": "weak", "scale": "weak", "reversed": "reversed", "seized": "dead", "dead": "dead",
     "delay": "delay", "hold": "hold",
 }  # fmt: skip
-_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
+_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(AQUAFISH.dimensions)}
 
 
 def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
@@ -46,7 +47,7 @@ def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayL
     InvalidArgumentError
         If a size would exceed its maximum.
     """
-    if part in FINS:
+    if part in AQUAFISH.names:
         _break_fin(columns, rows, part, word, number)
     elif word == "noise":
         noise = columns["gyro_noise"]
@@ -59,7 +60,7 @@ def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayL
 
 def _break_fin(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
     if word in _SERVO_WORDS:
-        servo = _only(FINS.index(part))
+        servo = _only(AQUAFISH.names.index(part))
         break_channels(columns, "servo", rows, servo, _SERVO_WORDS[word], number)
     else:
         break_sizes(columns["body"], rows, part, word, number)
@@ -81,10 +82,10 @@ def break_sizes(body: Floats, rows: Any, part: str, word: str, number: ArrayLike
         case "entangled":
             column = _COLUMNS[part, "width"]
             width = body[rows, column]
-            body[rows, column] = width + number * (DIMENSIONS[column].maximum - width)
+            body[rows, column] = width + number * (AQUAFISH.dimensions[column].maximum - width)
         case _ if word in SIZES:
             column = _COLUMNS[part, word]
-            dimension = DIMENSIONS[column]
+            dimension = AQUAFISH.dimensions[column]
             with np.errstate(over="ignore"):
                 sizes = body[rows, column] * number
             largest = sizes.max(initial=0.0)

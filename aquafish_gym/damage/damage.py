@@ -22,7 +22,9 @@ from aquafish_gym.damage.draws import ways_to_break as ways_to_break
 from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM
-from aquafish_gym.morphology import FINS, SIZES, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER
 from aquafish_gym.utils.array_types import Floats
@@ -105,7 +107,7 @@ class Damage:
         """
         instance("rng", rng, np.random.Generator)
         faults = []
-        for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
+        for fin in rng.permutation(AQUAFISH.names)[: rng.integers(1, 3)].tolist():
             missing = rng.random() < 0.25
             size = rng.choice(SIZES)
             factor = rng.uniform(*CHANCE_SCALES)
@@ -323,21 +325,21 @@ def _first_angles(angles: Floats, draws: Draws, dt: float) -> Floats:
     found = angles.copy()
     active = Spans.of(draws, dt).first == 0
     for kind, (part, word) in draws.used:
-        if word not in ("seized", "dead") or part not in FINS:
+        if word not in ("seized", "dead") or part not in AQUAFISH.names:
             continue
         for i in range(draws.kind.shape[1]):
             rows = np.flatnonzero(active[:, i] & (draws.kind[:, i] == kind))
             number = draws.number[rows, i]
-            kept = found[rows, FINS.index(part)]
+            kept = found[rows, AQUAFISH.names.index(part)]
             held = np.where(np.isnan(number), kept, number)
-            found[rows, FINS.index(part)] = np.nan if word == "dead" else held
+            found[rows, AQUAFISH.names.index(part)] = np.nan if word == "dead" else held
     return found
 
 
 def _break_body(
     columns: Mapping[str, NDArray[Any]], rows: Any, part: str, word: str, number: Any
 ) -> None:
-    if part in FINS:
+    if part in AQUAFISH.names:
         break_sizes(columns["body"], rows, part, word, number)
 
 

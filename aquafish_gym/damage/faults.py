@@ -25,7 +25,7 @@ from aquafish_gym.damage.words import (
     can_grow,
     needs_number,
 )
-from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -119,7 +119,7 @@ class Fault:
                     f"{name} strikes at once: of {self.part}, {' and '.join(growing)} can grow; "
                     f"got the growth {self.growth:g} s"
                 )
-        angle = self.word == "seized" and self.number is not None and self.part in FINS
+        angle = self.word == "seized" and self.number is not None and self.part in AQUAFISH.names
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
                 f"damage {self.part}:seized has an angle only from the beginning, since a fin "
@@ -204,7 +204,7 @@ class Fault:
         """Return what it is about, in words."""
         if self.part == RANDOM:
             return f"something {self.word}"
-        words = FIN_WORDS | {"gyro": "gyroscope"}
+        words = AQUAFISH.words | {"gyro": "gyroscope"}
         return whose + words[self.part] if self.part in words else self.part
 
     @property

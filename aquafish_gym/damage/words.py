@@ -11,7 +11,8 @@ from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
-from aquafish_gym.morphology import FINS, SIZES
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN
 
 SHORTEST_SECONDS = 1e-3
@@ -79,7 +80,7 @@ _RATE = {**_sensor(MAXIMUM_SPIN, "rad/s"), **LINK_WORDS}
 _DIRECTION = {**SENSOR_WORDS, **LINK_WORDS}
 #: Part -> word -> its number, or None where it takes none.
 PARTS: Mapping[str, Words] = {
-    **dict.fromkeys(FINS, _FIN),
+    **dict.fromkeys(AQUAFISH.names, _FIN),
     "gyro": _GYRO,
     **{name: _RATE if name.startswith("gyro") else _DIRECTION for name in CHANNELS},
 }

@@ -10,20 +10,21 @@ from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
 from aquafish_gym.scenario import TIMESTEP as TIMESTEP
 from aquafish_gym.scenario import Scenario, broadcast, check_field
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS as MAXIMUM_SUBSTEPS
 
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
-# How many numbers a sample has.
-RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
+# How many numbers a sample has, without the fins' angles of a pose.
+RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 13}
 
 
 def simulate(
     morphologies: object,
     commands: object,
-    fin_angles: object = (0.0, 0.0, 0.0),
+    fin_angles: object = None,
     steps: int = 512,
     engine: str = "numba",
     dtype: str | None = None,
@@ -39,6 +40,7 @@ def simulate(
     begun: int = 0,
     velocity: ArrayLike = (0.0, 0.0, 0.0),
     spin: ArrayLike = (0.0, 0.0, 0.0),
+    plan: BodyPlan = AQUAFISH,
 ) -> ImuLog:
     """Return what the IMUs of B robots log while they swim.
 
@@ -48,14 +50,14 @@ def simulate(
     Parameters
     ----------
     morphologies
-        (B, 9) sizes in units of 5 cm, or a :class:`Morphology`, or a list of them, or None for
-        the nominal body. One body serves for all trials.
+        (B, S) sizes in units of 5 cm, or a :class:`Morphology`, or a list of them, or None for
+        the nominal body. One body serves for all trials. S is 9 and F is 3 for the paper's robot.
     commands
-        (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all. Or series of K commands,
-        (B, K, 3); each is held for ``interval`` samples, and the last to the end.
+        (B, F) speeds of the F servos in rev/s or Hz, or (F,) for all. Or series of K commands,
+        (B, K, F); each is held for ``interval`` samples, and the last to the end.
     fin_angles
-        (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
-        zero is arms back.
+        (B, F) initial angles in rad, or phases of fins that sweep, or (F,) for all. None is 0 for
+        each: arms back.
     steps
         Samples of 0.01 s, at most 1,000,000.
     engine
@@ -80,7 +82,7 @@ def simulate(
     drag
         (2,) or (B, 2) factors on the drag of the fins and on that of the body, 0 to 10.
     servo_gain
-        A number, (3,) or (B, 3), -2 to 2: servo speed over command. A seized servo has gain 0, a
+        A number, (F,) or (B, F), -2 to 2: servo speed over command. A seized servo has gain 0, a
         reversed one -1.
     lag
         A number or (B,), 0 to 1 s: the delay from a command to the servos' motion. A servo's speed
@@ -95,6 +97,8 @@ def simulate(
         (3,) or (B, 3) velocity at the start, units/s in body axes, up to 20 each way.
     spin
         (3,) or (B, 3) angular velocity at the start, rad/s in body axes, up to 100.
+    plan
+        The robots' body plan: the paper's by default.
 
     Returns
     -------
@@ -114,22 +118,24 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
+    check_plan(plan)
+    angles = np.zeros(len(plan.fins)) if fin_angles is None else fin_angles
     tables = {
-        "morphologies": check_field("body", morphologies, "morphologies"),
-        "commands": check_series(commands),  # type: ignore[arg-type]
-        "fin_angles": check_field("fin_angles", fin_angles),
-        "current": check_field("current", current),
-        "drag": check_field("drag", drag),
-        "servo_gain": check_field("servo_gain", servo_gain),
-        "lag": check_field("servo_lag", lag, "lag"),
-        "velocity": check_field("velocity", velocity),
-        "spin": check_field("spin", spin),
+        "morphologies": check_field("body", morphologies, plan, "morphologies"),
+        "commands": check_series(plan, commands),  # type: ignore[arg-type]
+        "fin_angles": check_field("fin_angles", angles, plan),
+        "current": check_field("current", current, plan),
+        "drag": check_field("drag", drag, plan),
+        "servo_gain": check_field("servo_gain", servo_gain, plan),
+        "lag": check_field("servo_lag", lag, plan, "lag"),
+        "velocity": check_field("velocity", velocity, plan),
+        "spin": check_field("spin", spin, plan),
     }
     rows = broadcast(tables)
     series = rows.pop("commands")
     rows |= {"body": rows.pop("morphologies"), "servo_lag": rows.pop("lag")}
     return simulate_scenario(
-        Scenario.fill(rows, flag("reactive", reactive)),
+        Scenario.fill(rows, flag("reactive", reactive), plan),
         series, steps, engine, dtype, substeps, threads, record, interval, begun,
     )  # fmt: skip
 
@@ -148,7 +154,7 @@ def simulate_scenario(
 ) -> ImuLog:
     """Return what the IMUs of a scenario's B robots log: without the faults of its sensors.
 
-    ``commands`` are (B, 3) or (B, K, 3), checked; for the rest see :func:`simulate`.
+    ``commands`` are (B, F) or (B, K, F), checked; for the rest see :func:`simulate`.
     """
     engine = check_engine(resolve_engine("engine", engine))
     steps = integer("steps", steps, 1, MAXIMUM_STEPS)
@@ -163,14 +169,14 @@ def simulate_scenario(
     if interval != 1 and commands.ndim == 2:
         raise InvalidArgumentError(
             "interval must be 1 for commands that are held throughout; for a series commands must "
-            f"have shape (B, K, 3); got {interval} with {commands.shape}"
+            f"have shape (B, K, {commands.shape[-1]}); got {interval} with {commands.shape}"
         )
     if engine != "numba" and (dtype != "float64" or threads is not None):
         raise InvalidArgumentError(
             f'dtype must be "float64" and threads None for the engine "{engine}", which computes '
             f"in double precision on one thread; got {dtype!r} and {threads}"
         )
-    _check_log_fits(len(scenario), steps, record, kind)
+    _check_log_fits(scenario, steps, record, kind)
     # The engines are imported here: importing the package stays quick, and works without PyBullet.
     if engine == "numba":
         from aquafish_gym.engines.compiled.simulate import simulate_lanes
@@ -188,9 +194,11 @@ def simulate_scenario(
     return simulate_bullet(scenario, commands, steps, substeps, record, interval)
 
 
-def _check_log_fits(batch: int, steps: int, record: str, dtype: type[np.floating]) -> None:
+def _check_log_fits(scenario: Scenario, steps: int, record: str, dtype: type[np.floating]) -> None:
     """Refuse a log that is larger than this machine's memory: the system might kill the process."""
-    wanted = batch * steps * RECORDS[record] * np.dtype(dtype).itemsize
+    batch = len(scenario)
+    numbers = RECORDS[record] + len(scenario.plan.fins) * (record == "pose")
+    wanted = batch * steps * numbers * np.dtype(dtype).itemsize
     memory = machine_memory()
     if memory is not None and wanted > memory:
         raise InvalidArgumentError(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.command import COMMAND_LOW, servo_speeds
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.physics.kinematics import rotation, to_body
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats, Rows
@@ -29,10 +29,11 @@ class Recorded:
         self._engine = engine
         self._folder = folder
         self._how = how | {"reactive": scenario.reactive, "record": "pose"}
+        self._plan = scenario.plan
         self._robots = scenario.beginning.copy().columns()
         self._start: dict[str, Floats] = {}
         self._clock = 0  # steps of 0.01 s
-        self._speeds: list[tuple[int, int, Floats]] = []  # from and to which step, (B, 3)
+        self._speeds: list[tuple[int, int, Floats]] = []  # from and to which step, (B, F)
         self._began, self._since = np.zeros((2, len(scenario)), np.int64)
         self._lost = np.zeros(len(scenario), np.bool_)
 
@@ -62,7 +63,7 @@ class Recorded:
         self._judge(self._engine.diverged)
 
     def act(self, action: Any, followed: Any, steps: int = 1, *judged: Any) -> Any:
-        self._hold(np.transpose(servo_speeds(followed)), steps)
+        self._hold(np.transpose(servo_speeds(self._plan, followed)), steps)
         found = self._engine.act(action, followed, steps, *judged)
         self._judge(found[0])
         return found
@@ -83,12 +84,12 @@ class Recorded:
         for name, table in fields.items():
             self._robots[name][rows] = table
         state = self._engine.state()
-        fins = [np.arctan2(sine, cosine) for cosine, sine in (state.left, state.right, state.phase)]
+        fins = np.arctan2(state.joints[1::2], state.joints[::2])
         axes: Any = rotation(tuple(np.reshape(q, -1) for q in state.orientation))  # type: ignore[arg-type]
         start = {"fin_angles": fins, "velocity": to_body(axes, state.velocity), "spin": state.spin}
         water = to_body(axes, tuple(self._robots["current"].T))
         for name, vector in (start | {"current": water}).items():
-            table = np.reshape(vector, (3, -1)).T
+            table = np.reshape(vector, (len(vector), -1)).T
             self._start.setdefault(name, table.copy())[rows] = table[rows]
         self._since[rows] = self._clock
 
@@ -108,7 +109,7 @@ class Recorded:
             "morphologies": self._robots["body"][robot].tolist(),
             "drag": self._robots["drag"][robot].tolist(),
             **{name: table[robot].tolist() for name, table in self._start.items()},
-            "commands": [np.maximum(speeds / gain, COMMAND_LOW).tolist()],
+            "commands": [np.maximum(speeds / gain, self._plan.command_low).tolist()],
             "servo_gain": gain.tolist(),
             "begun": begun,
             "steps": self._clock - since,

@@ -9,8 +9,8 @@ import numpy as np
 
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.worlds import Swimmers, World, make_world
-from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.layout import STATE_ROWS, put_state
+from aquafish_gym.physics.kinematics import Numbers
+from aquafish_gym.physics.layout import layout, state_numbers
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.sense import observe
 from aquafish_gym.utils.array_types import Flags, Floats, Observations, Rows
@@ -24,7 +24,9 @@ class WorldBatch(Swimmers):
 
     def __init__(self, scenario: Scenario, engine: str | type[World]) -> None:
         self.batch = len(scenario)
-        self._states = np.zeros((STATE_ROWS, self.batch))
+        self.layout = layout(scenario.plan)
+        self._plan = scenario.plan
+        self._states = np.zeros((self.layout.state_rows, self.batch))
         self._worlds: list[World] = []
         try:
             for robot in range(self.batch):
@@ -50,22 +52,21 @@ class WorldBatch(Swimmers):
     def act(
         self,
         action: Floats,  # noqa: ARG002
-        followed: Vector,
+        followed: Numbers,
         steps: int = 1,
         task: Any = None,  # noqa: ARG002
         memory: Floats | None = None,  # noqa: ARG002
     ) -> tuple[Flags, Observations, None]:
-        for robot, (left, right, caudal) in enumerate(
-            np.transpose(servo_speeds(followed)).tolist()
-        ):
-            self._worlds[robot].advance((left, right, caudal), steps)
+        speeds = np.transpose(servo_speeds(self._plan, followed)).tolist()
+        for robot, command in enumerate(speeds):
+            self._worlds[robot].advance(tuple(command), steps)
             self._read(robot)
         lost: Flags = np.array([world.diverged for world in self._worlds])
         return lost, observe(self.state()), None
 
     @property
     def states(self) -> Floats:
-        """The states (25, B), the last ones of robots that diverged; roll, pitch and yaw stay 0."""
+        """The states (N, B), the last ones of robots that diverged; roll, pitch and yaw stay 0."""
         return self._states
 
     def close(self) -> None:
@@ -80,4 +81,5 @@ class WorldBatch(Swimmers):
 
     def _read(self, robot: int) -> None:
         if not self._worlds[robot].diverged:
-            put_state(self._states.reshape(-1), robot, self.batch, self._worlds[robot].state())
+            numbers = state_numbers(self._worlds[robot].state())
+            self._states[: len(numbers), robot] = numbers

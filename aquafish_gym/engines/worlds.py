@@ -7,7 +7,7 @@ Engines have the same verbs for one robot (:class:`World`) as for B (:class:`Swi
 - ``update(scenario)`` gives them the bodies, the drag, the water and the servos of a scenario in
   mid-swim; they keep their motion.
 - ``set_current(current)`` sets the velocity of the water from now on.
-- ``advance(command, steps)`` holds a command in rev/s, rev/s and Hz for some steps of 0.01 s; B
+- ``advance(command, steps)`` holds a command in rev/s or Hz for some steps of 0.01 s; B
   robots do actions: ``act(action, ...)``.
 - ``state()`` returns the :class:`~aquafish_gym.physics.kinematics.State` that they are in.
 - ``diverged`` says whether it ran away; ``physics.kinematics.has_diverged`` is the rule.
@@ -33,14 +33,11 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.command import lag_parts, late_command
-from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import State, has_diverged
-from aquafish_gym.physics.layout import state_from_numbers
+from aquafish_gym.physics.kinematics import Numbers, State, has_diverged
+from aquafish_gym.physics.layout import Layout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Observations, Reals, Rows, Triple
 from aquafish_gym.utils.validation import InvalidArgumentError
-
-STILL: Vector = (0.0, 0.0, 0.0)
 
 
 class World(ABC):
@@ -51,7 +48,7 @@ class World(ABC):
 
     diverged = False  #: Whether the robot ran away.
     # The commands of the last steps, as far back as a lag may reach; None without one.
-    _given: deque[Vector] | None = None
+    _given: deque[Numbers] | None = None
     _longest_lag = 0.0  # s
     _lag_steps = 0  # steps
     _newer_share = 1.0
@@ -67,7 +64,8 @@ class World(ABC):
         scenario.check_angles()
         self._longest_lag = longest_lags(scenario).item()
         count = remembered_steps(self._longest_lag)
-        self._given = deque([STILL] * count, count) if self._longest_lag else None
+        still = (0.0,) * len(scenario.plan.fins)
+        self._given = deque([still] * count, count) if self._longest_lag else None
         robot = scenario.beginning
         self._set_lag(robot)
         self._start(robot)
@@ -84,8 +82,8 @@ class World(ABC):
         self._set_lag(scenario)
         self._update(scenario)
 
-    def advance(self, command: Vector, steps: int = 1) -> None:
-        """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s."""
+    def advance(self, command: Numbers, steps: int = 1) -> None:
+        """Hold a command (rev/s or Hz of each servo) for some steps of 0.01 s."""
         given = self._given
         if given is None:
             self._swim(command, steps)
@@ -108,7 +106,7 @@ class World(ABC):
         """Do the engine's part of :meth:`update`: all of it except the servos' lag."""
 
     @abstractmethod
-    def _swim(self, command: Vector, steps: int) -> None:
+    def _swim(self, command: Numbers, steps: int) -> None:
         """Advance with servos that obey at once."""
 
     @abstractmethod
@@ -121,8 +119,8 @@ class World(ABC):
 
     @property
     @abstractmethod
-    def fin_angles(self) -> Vector:
-        """Left and right pectoral angle and caudal phase in [-pi, pi], rad."""
+    def fin_angles(self) -> Numbers:
+        """Each fin's angle, or the phase of one that sweeps, in [-pi, pi], rad."""
 
     @abstractmethod
     def close(self) -> None:
@@ -159,12 +157,12 @@ class Swimmers(ABC):
     def act(
         self,
         action: Floats,
-        followed: Vector,
+        followed: Numbers,
         steps: int = 1,
         task: Any = None,
         memory: Floats | None = None,
     ) -> tuple[Flags, Observations, list[Floats] | None]:
-        """Do actions (3, B) in [-1, 1] for some steps of 0.01 s.
+        """Do actions (F, B) in [-1, 1] for some steps of 0.01 s.
 
         Return which robots (B,) diverged, what intact sensors (B, 9) then observe, and the terms
         (B,) of the reward where the engine judges a task, which may be None. Robots that diverged
@@ -185,21 +183,23 @@ class Swimmers(ABC):
     @property
     @abstractmethod
     def states(self) -> Reals:
-        """The states (25, B) themselves, no copy: those of ``State``, then roll, pitch and yaw."""
+        """The states (N, B) themselves, no copy: the rows of ``layout``."""
+
+    layout: Layout  #: Of the robots' plan.
 
     def state(self) -> State:
         """Return the robots' state on rows (B,)."""
-        return state_from_numbers(self.states.astype(np.float64))
+        return self.layout.state(self.states.astype(np.float64))
 
     @abstractmethod
     def close(self) -> None:
         """Free what the engine holds; closing twice does no harm."""
 
 
-def diverged_states(states: Reals) -> Flags:
-    """Return which robots (B,) of states (22 or more, B) ran away or are not finite."""
+def diverged_states(state: State) -> Flags:
+    """Return which robots (B,) of a state on rows ran away or are not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        lost: Flags = has_diverged(state_from_numbers(states)) > 0.0
+        lost: Flags = has_diverged(state) > 0.0
     return lost
 
 

@@ -16,7 +16,8 @@ from aquafish_gym.engines.worlds import RECORDER, Swimmers, recording_folder
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import render_pose
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Info, Rows
@@ -152,7 +153,7 @@ def frames(bodies: Floats, states: Floats) -> tuple[Any, ...]:
     poses = zip(
         states[FIELDS["position"]].T,
         states[FIELDS["orientation"]].T,
-        angles_of_rows(states).T,
+        layout(AQUAFISH).angles(states).T,
         strict=True,
     )
     return tuple(

@@ -17,6 +17,7 @@ from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import (
     RENDER_MODES,
     Window,
@@ -244,14 +245,14 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
         self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
         followed = self._robot.robots.follow(action)
-        world.advance(servo_speeds(followed), self.frame_skip)
+        world.advance(servo_speeds(AQUAFISH, followed), self.frame_skip)
         if world.diverged:
             return True
         self._steps += 1
         self._state = world.state()
         self._fin_angles = world.fin_angles
         if self._reckons:
-            self._reckoned = reckon(self._reckoned, servo_speeds(action), TAU * self.dt)
+            self._reckoned = reckon(self._reckoned, servo_speeds(AQUAFISH, action), TAU * self.dt)
         return False
 
     def _reward(

@@ -18,8 +18,9 @@ from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.specification import FishSpec, read_class
 from aquafish_gym.envs.tasks import Task, check_task
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, square_root
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Triple
@@ -134,7 +135,7 @@ def begin_episodes(
     which = [numbers.setdefault(id(config), len(numbers)) for config in configs]
     distinct = [configs[which.index(i)] for i in range(len(numbers))]
     random = np.array([isinstance(config.fin_angles, str) for config in distinct])[which]
-    angles = np.empty((len(configs), len(FINS)))
+    angles = np.empty((len(configs), len(AQUAFISH.names)))
     memories = []
     for row, is_random, config, rng in zip(angles, random.tolist(), configs, rngs, strict=True):
         if is_random:
@@ -200,7 +201,7 @@ class FishEnvBase:
         if isinstance(observe_fins, str):
             one_of("observe_fins", observe_fins, ("reckoned",))
         self._observe_fins = self._reckons or flag("observe_fins", observe_fins)
-        self._limits = limits(self._observe_fins, self.task.has_goal)
+        self._limits = limits(len(AQUAFISH.fins) * self._observe_fins, self.task.has_goal)
 
     @property
     def episode_steps(self) -> int:
@@ -250,5 +251,5 @@ def action_space() -> Box[np.float32]:
 
 def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
-    high = limits(observe_fins, has_goal).astype(np.float32)
+    high = limits(len(AQUAFISH.fins) * observe_fins, has_goal).astype(np.float32)
     return Box(-high, high, dtype=np.float32)

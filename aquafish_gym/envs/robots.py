@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from aquafish_gym.damage.sensors import ONLY_ROBOT, sensor_columns, servo_columns
 from aquafish_gym.damage.side import Side
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, LATE_FIELDS, STARTS, TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER, SlotPlayer
 from aquafish_gym.utils.array_types import Floats, Rows
@@ -63,7 +63,7 @@ class Robots:
         self.now = scenario.beginning.copy()
         self._dt = TIMESTEP * hold
         self.sensors = Side(len(scenario), len(CHANNELS), self._dt, dtype)
-        self._servos = Side(len(scenario), len(FINS), self._dt, first=STILL_ACTION)
+        self._servos = Side(len(scenario), len(AQUAFISH.names), self._dt, first=STILL_ACTION)
         self.sensors.remember(history)
         self._servos.remember(history)
         self._player = SlotPlayer(self.now.stages)
@@ -108,7 +108,7 @@ class Robots:
         """
         if not self._servos.remembers:
             return action
-        commanded = np.reshape(np.array(action, np.float64), (len(FINS), -1)).T
+        commanded = np.reshape(np.array(action, np.float64), (len(AQUAFISH.names), -1)).T
         left, right, caudal = self._servos.carry(commanded, np.arange(len(commanded))).T
         if isinstance(action[0], float):
             return (float(left[0]), float(right[0]), float(caudal[0]))

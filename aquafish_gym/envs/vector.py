@@ -21,7 +21,8 @@ from aquafish_gym.envs.robots import Robots
 from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step, Task, lane_task
 from aquafish_gym.physics.arithmetic import TAU, Vector
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import check_render_mode
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
@@ -246,7 +247,7 @@ class AquaFishVectorEnv(
             action, self._robots.follow(commanded), self.frame_skip, self._lane_task, self._memory
         )
         if self._reckons:
-            speeds = servo_speeds(commanded)
+            speeds = servo_speeds(AQUAFISH, commanded)
             reckoned = reckon(batching.components(self._reckoned), speeds, TAU * self.dt)
             self._reckoned = np.where(lost, self._reckoned, reckoned)
         self._steps += 1
@@ -329,13 +330,15 @@ class AquaFishVectorEnv(
 
     def _truth(self, rows: Rows) -> Observations:
         """Return what intact sensors of these robots observe."""
-        return observe(state_from_numbers(self.states[:, rows]), *self._further(rows))
+        return observe(layout(AQUAFISH).state(self.states[:, rows]), *self._further(rows))
 
     def _further(self, rows: Rows | slice) -> tuple[Floats | None, Vector | None]:
         """Return what these robots observe beyond nine channels: fins (3, n) in rad, the goal."""
         fins = goal = None
         if self._observe_fins:
-            known = self._reckoned if self._reckons else angles_of_rows(self._swimmers.states)
+            known = (
+                self._reckoned if self._reckons else layout(AQUAFISH).angles(self._swimmers.states)
+            )
             fins = known[:, rows]
         if self.task.has_goal:
             goal = self.task.goal(tuple(self._memory[:, rows]))
@@ -346,7 +349,7 @@ class AquaFishVectorEnv(
         most = self._limits[len(CHANNELS) :]
         if most.size:
             more = np.transpose(
-                beyond_imu(state_from_numbers(self.states), *self._further(slice(None)))
+                beyond_imu(layout(AQUAFISH).state(self.states), *self._further(slice(None)))
             )
             seen = np.concatenate([seen, np.clip(more, -most, most)], axis=1, dtype=np.float32)
         self._sense(self._everyone, seen)
@@ -369,7 +372,7 @@ class AquaFishVectorEnv(
         return moved | {
             "diverged": diverged.copy(),
             **({"is_success": succeeded.copy()} if self.task.has_success else {}),
-            "fin_angles": np.ascontiguousarray(angles_of_rows(self._swimmers.states).T),
+            "fin_angles": np.ascontiguousarray(layout(AQUAFISH).angles(self._swimmers.states).T),
             **self._robots.truth(),
             **terms,
         }

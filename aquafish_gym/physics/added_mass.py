@@ -4,20 +4,21 @@ After Lighthill's elongated-body theory (Lighthill, 1971):
 
 - **Fins.** The three plates of the drag law, each with a rectangle's added mass along its normal
   and added inertia about its two axes: :func:`plate_mass` and :func:`plate_inertia`.
-- **Body.** The added mass and inertia of the ellipsoid of the capsule's length and diameter,
-  relative to the capsule's own (Lamb, 1932, Art. 114): ``BODY_ADDED_MASS``.
+- **Hull.** The added mass and inertia of the ellipsoid of its length and diameter, relative to
+  its own (Lamb, 1932, Art. 114): :func:`hull_added_mass`.
 - **Trailing edge.** Water that leaves the tail's end takes its momentum with it. With m the
   tail's added mass per unit length, u the end's speed along the fin towards the body and w
   along its normal, the force there is ``1/2 m w^2`` along the fin less ``m u w`` along its
   normal. Lighthill has u > 0; where the end moves backward it sheds nothing, so u < 0 counts as
   0 in the second term. The power is then ``-1/2 m w^2 |u|``, never positive.
 
-The pectorals turn full circles, so they have no trailing edge and no such term.
+Fins that turn full circles have no trailing edge and no such term.
 Straight-line code for any scalar backend; see ``arithmetic.py``.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 
 from aquafish_gym.physics.arithmetic import (
@@ -31,7 +32,8 @@ from aquafish_gym.physics.arithmetic import (
     where_less,
 )
 from aquafish_gym.physics.hydrodynamics import DENSITY
-from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, NOSE, RADIUS, Fin
+from aquafish_gym.physics.robot import Fin, hull_numbers
+from aquafish_gym.plans import Hull
 
 _STRIP = DENSITY * math.pi / 4  # added mass per unit length of an infinite strip of width 1
 
@@ -49,9 +51,16 @@ def _ellipsoid(length: float, diameter: float) -> tuple[float, float, float]:
     return alpha / (2 - alpha), beta / (2 - beta), turning
 
 
-_ALONG, _ACROSS, _TURNING = _ellipsoid(2 * NOSE, 2 * RADIUS)
-BODY_ADDED_MASS: Vector = (_ACROSS * BODY_MASS, _ALONG * BODY_MASS, _ACROSS * BODY_MASS)
-BODY_ADDED_INERTIA: Vector = (_TURNING * BODY_INERTIA[0], 0.0, _TURNING * BODY_INERTIA[2])
+@functools.cache
+def hull_added_mass(hull: Hull) -> tuple[Vector, Vector]:
+    """Return a hull's added masses and, about its centre, inertias: x, y, z axis."""
+    numbers = hull_numbers(hull)
+    along, across, turning = _ellipsoid(hull.length, 2 * hull.radius)
+    mass, inertia = numbers.mass, numbers.inertia
+    return (
+        (across * mass, along * mass, across * mass),
+        (turning * inertia[0], 0.0, turning * inertia[2]),
+    )
 
 
 def finite_span(width: Number, length: Number) -> Number:

@@ -40,7 +40,7 @@ from aquafish_gym.utils.validation import EngineUnavailableError
 PHYSICS_MODULES = [
     import_module(f"{__package__}.{found.name}")
     for found in pkgutil.iter_modules([str(Path(__file__).parent)])
-    if found.name not in ("simd", "compiling", "symbols", "printing")
+    if found.name not in ("simd", "compiling", "symbols", "printing", "law")
 ]
 
 
@@ -54,6 +54,17 @@ def register_module(module: ModuleType) -> None:
             and function not in PRIMITIVES
         ):
             inlined(function)
+
+
+@functools.cache
+def _register_function(function: Callable[..., Any]) -> None:
+    inlined(function)
+
+
+def register_functions(*functions: Callable[..., Any]) -> None:
+    """Let compiled code call functions, such as those of a plan's law."""
+    for function in functions:
+        _register_function(function)
 
 
 @functools.cache

@@ -8,8 +8,9 @@ acceleration from Newton's and Euler's equations of the whole robot, and then
 
 with the attitude by the exponential map. Bullet with ideal motors does the same, to rounding.
 
-Frames: ``world`` is inertial; ``body`` turns with the capsule; each fin's ``hinge`` and
-``fin`` frames are those of ``robot.py``. Straight-line code for any scalar backend; see
+Frames: ``world`` is inertial; ``body`` turns with the hull; each fin's ``hinge`` and ``fin``
+frames are those of ``robot.py``. The law is stated for any plan; what runs is printed for one
+(``law.py``). Straight-line code for any scalar backend; see
 ``arithmetic.py``.
 """
 
@@ -24,6 +25,7 @@ from aquafish_gym.physics.arithmetic import (
     add,
     add_scaled,
     cross,
+    dot,
     fma,
     inverse,
     scale,
@@ -34,25 +36,20 @@ from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
 from aquafish_gym.physics.kinematics import (
     Drive,
     Joints,
+    Numbers,
     Pair,
     State,
-    caudal_joint,
+    fin_joint,
     joint_accelerations,
     next_joints,
+    pairs,
     rotation,
     to_body,
     to_world,
     turn,
 )
-from aquafish_gym.physics.robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    PECTORAL_X,
-    PECTORAL_Y,
-    Fin,
-    Robot,
-)
+from aquafish_gym.physics.robot import Fin, Robot, hull_numbers
+from aquafish_gym.plans import BodyPlan, FinPlan
 
 Wrench = tuple[Vector, Vector]  # force, torque
 
@@ -62,33 +59,17 @@ class Water(NamedTuple):
     body axes, about its centre.
     """
 
-    left: Wrench
-    right: Wrench
-    caudal: Wrench
+    fins: tuple[Wrench, ...]
     body: Wrench
 
 
-class FinInertia(NamedTuple):
-    """One fin's rigid-body inertia, for a hinge in the middle plane, and the force on it.
+class Inertia(NamedTuple):
+    """The inertia of a fin, or of all parts, as one rigid body, and the force on it.
 
-    In the hinge frame's axes and about the body's centre: mass times position of its centre
-    (length, normal), inertia (aa, bb, cc, bc), and the water's wrench less the bias force of the
-    joint's own motion.
-    """
-
-    mass: Number
-    moment: Pair
-    inertia: tuple[Number, Number, Number, Number]
-    force: Vector
-    torque: Vector
-
-
-class CompositeInertia(NamedTuple):
-    """The inertia of body and fins as one rigid body, and the force on it.
-
-    In body axes about the capsule's centre. ``moment`` is mass times position of the centre of
-    mass. The force is the water's wrench less the fins' bias forces; the rigid body's own
-    rotation is not subtracted yet.
+    In body axes. ``moment`` is mass times position of the centre of mass. A fin's is about the
+    point of the body's x axis from which its hinge is y and z away; that of all parts is about the
+    hull's centre. The force is the water's wrench less the bias forces of the joints' own motion;
+    the rigid body's own rotation is not subtracted yet.
     """
 
     mass: Number
@@ -98,87 +79,138 @@ class CompositeInertia(NamedTuple):
     torque: Vector
 
 
-# The hinges lie at (x, y, 0) of their frames: the pectorals' at (+-PECTORAL_X, PECTORAL_Y), the
-# caudal fin's at (0, CAUDAL_Y). The functions of one fin leave x out; the sums over fins add it
-# for the pectorals.
-
-
 def _to_fin(joint: Pair, v: Vector) -> Vector:
     """Turn a vector from the hinge frame to the fin frame; ``joint`` is (cos, sin)."""
     c, s = joint
     return (v[0], fma(c, v[1], s * v[2]), fma(c, v[2], -(s * v[1])))
 
 
-def _to_hinge(joint: Pair, v: Vector) -> Vector:
+def _from_fin(joint: Pair, v: Vector) -> Vector:
     """Turn a vector from the fin frame to the hinge frame."""
     c, s = joint
     return (v[0], fma(c, v[1], -(s * v[2])), fma(s, v[1], c * v[2]))
 
 
-# The caudal fin's hinge frame has the axes (z, y, -x) of the body.
-def _to_caudal(v: Vector) -> Vector:
-    return (v[2], v[1], -v[0])
+def _to_hinge(fin: FinPlan, v: Vector) -> Vector:
+    """Turn a vector from body axes to the hinge frame."""
+    width, length, normal = fin.frame
+    return (dot(width, v), dot(length, v), dot(normal, v))
 
 
-def _from_caudal(v: Vector) -> Vector:
-    return (-v[2], v[1], v[0])
+def _from_hinge(fin: FinPlan, v: Vector) -> Vector:
+    """Turn a vector from the hinge frame to body axes."""
+    width, length, normal = fin.frame
+    return add_scaled(add_scaled(scale(v[2], normal), v[1], length), v[0], width)
 
 
-def _at_hinge(x: float, velocity: Vector, spin: Vector) -> Vector:
-    """Return the velocity of a pectoral's hinge without the term of ``PECTORAL_Y``."""
-    return (velocity[0], fma(x, spin[2], velocity[1]), fma(-x, spin[1], velocity[2]))
-
-
-def _fin_water(
-    fin: Fin, y: float, joint: Pair, rate: Number, velocity: Vector, spin: Vector
-) -> Wrench:
-    """Return the water's wrench on a fin, in its fin frame and about its hinge at (0, y).
-
-    ``velocity`` is the body centre's relative to the water, in the hinge frame's axes.
-    """
-    at_hinge = (fma(-y, spin[2], velocity[0]), velocity[1], fma(y, spin[0], velocity[2]))
-    fin_spin = (spin[0] + rate, spin[1], spin[2])
-    return fin_drag(fin, _to_fin(joint, at_hinge), _to_fin(joint, fin_spin))
-
-
-def _to_centre(y: float, joint: Pair, on_fin: Wrench) -> Wrench:
-    """Move a wrench from a fin frame to the hinge frame's axes, about the body's centre."""
-    force, torque = _to_hinge(joint, on_fin[0]), _to_hinge(joint, on_fin[1])
-    return force, (fma(y, force[2], torque[0]), torque[1], fma(-y, force[0], torque[2]))
-
-
-def _sum(left: Wrench, right: Wrench, caudal: Wrench, body: Wrench) -> Wrench:
-    """Add up wrenches about the body's centre, in body axes; the fins' are of ``_to_centre``."""
-    force = add(add(left[0], right[0]), add(_from_caudal(caudal[0]), body[0]))
-    torque = add(add(left[1], right[1]), add(_from_caudal(caudal[1]), body[1]))
-    apart = subtract(right[0], left[0])
-    return force, (
-        torque[0],
-        fma(-PECTORAL_X, apart[2], torque[1]),
-        fma(PECTORAL_X, apart[1], torque[2]),
+def _at_hinge(fin: FinPlan, velocity: Vector, spin: Vector) -> Vector:
+    """Return the velocity of a hinge, in body axes."""
+    x, y, z = fin.hinge
+    return (
+        fma(z, spin[1], fma(-y, spin[2], velocity[0])),
+        fma(-z, spin[0], fma(x, spin[2], velocity[1])),
+        fma(y, spin[0], fma(-x, spin[1], velocity[2])),
     )
 
 
+def _fin_water(
+    plan: FinPlan, fin: Fin, joint: Pair, rate: Number, velocity: Vector, spin: Vector
+) -> Wrench:
+    """Return the water's wrench on a fin, in its fin frame and about its hinge.
+
+    ``velocity`` is the body centre's relative to the water, in body axes.
+    """
+    at_hinge = _to_hinge(plan, _at_hinge(plan, velocity, spin))
+    turning = _to_hinge(plan, spin)
+    fin_spin = (turning[0] + rate, turning[1], turning[2])
+    return fin_drag(fin, _to_fin(joint, at_hinge), _to_fin(joint, fin_spin))
+
+
+def _to_middle(plan: FinPlan, joint: Pair, on_fin: Wrench) -> Wrench:
+    """Move a wrench from a fin frame to body axes, about the point of ``Inertia``."""
+    _, y, z = plan.hinge
+    force = _from_hinge(plan, _from_fin(joint, on_fin[0]))
+    torque = _from_hinge(plan, _from_fin(joint, on_fin[1]))
+    return force, (
+        fma(-z, force[1], fma(y, force[2], torque[0])),
+        fma(z, force[0], torque[1]),
+        fma(-y, force[0], torque[2]),
+    )
+
+
+def _sums(
+    plan: BodyPlan, parts: list[Numbers]
+) -> tuple[Numbers, Numbers, list[tuple[float, Numbers, Numbers]]]:
+    """Return the sum over mirrored fins, that over the others, and what each group is.
+
+    A group is two fins that mirror each other, or one: the x of its (second) hinge, the sum of its
+    parts, and the second less the first.
+    """
+    mirrored = others = (0.0,) * len(parts[0])
+    groups = []
+    for group in plan.groups:
+        whole = apart = parts[group[-1]]
+        if len(group) == 2:
+            first = parts[group[0]]
+            whole, apart = (
+                _plus(first, apart),
+                tuple(b - a for a, b in zip(first, apart, strict=True)),
+            )
+            mirrored = _plus(mirrored, whole)
+        else:
+            others = _plus(others, whole)
+        groups.append((plan.fins[group[-1]].hinge[0], whole, apart))
+    return mirrored, others, groups
+
+
+def _plus(a: Numbers, b: Numbers) -> Numbers:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
 def _fin_inertia(
-    fin: Fin, y: float, joint: Pair, rate: Number, acceleration: Number, spin: Vector, water: Wrench
-) -> FinInertia:
-    """Return one fin's inertia and force, in the hinge frame's axes, for a hinge at (0, y)."""
+    plan: FinPlan,
+    fin: Fin,
+    joint: Pair,
+    rate: Number,
+    acceleration: Number,
+    spin: Vector,
+    water: Wrench,
+) -> Inertia:
+    """Return one fin's inertia and force."""
     c, s = joint
     half = 0.5 * fin.length
     m = fin.mass
     first = m * half
     ia, ib, ic = fin.inertia
+    width, length, normal = plan.frame
 
-    # The fin's inertia about its own centre at (0, aft, up), then about the body's.
-    aft, up = fma(-half, c, y), -half * s
-    m_aft, m_up = m * aft, m * up
+    # The fin's inertia about its own centre, in the hinge frame, ...
     lean = c * (ib - ic)
     ibb = fma(c, lean, ic)
+    own = (ia, ibb, (ib + ic) - ibb)
+    # ... then in body axes about the point of ``Inertia``, from which its centre is ``at`` away.
+    places = (0.0, plan.hinge[1], plan.hinge[2])
+    at = [fma(-(normal[k] * half), s, fma(-(length[k] * half), c, places[k])) for k in range(3)]
+    moment = (m * at[0], m * at[1], m * at[2])
+
+    def square(k: int) -> Number:
+        mixed = (2.0 * length[k] * normal[k]) * (s * lean)
+        about = fma(normal[k] * normal[k], own[2], mixed)
+        return fma(width[k] * width[k], own[0], fma(length[k] * length[k], own[1], about))
+
+    def product(i: int, k: int) -> Number:
+        about = fma(length[i] * length[k], own[1], normal[i] * normal[k] * own[2])
+        about = fma(width[i] * width[k], own[0], about)
+        mixed = length[i] * normal[k] + length[k] * normal[i]
+        return fma(mixed * s, lean, about - moment[i] * at[k])
+
     inertia = (
-        fma(m_aft, aft, fma(m_up, up, ia)),
-        fma(m_up, up, ibb),
-        fma(m_aft, aft, (ib + ic) - ibb),
-        fma(s, lean, -(m_aft * up)),
+        fma(moment[1], at[1], fma(moment[2], at[2], square(0))),
+        fma(moment[0], at[0], fma(moment[2], at[2], square(1))),
+        fma(moment[1], at[1], fma(moment[0], at[0], square(2))),
+        product(1, 0),
+        product(0, 2),
+        product(1, 2),
     )
 
     # The bias force, which the joint's motion adds to the inertial forces, in the fin frame and
@@ -186,111 +218,121 @@ def _fin_inertia(
     # acceleration, the force m (2 w x (speed a x r) + acceleration a x r + speed^2 a x (a x r))
     # and the torque I (acceleration a + w x speed a) + speed a x I W + w x I speed a, where w
     # is the body's spin, W = w + speed a the fin's and I its inertia about the hinge.
-    w1, w2 = fma(c, spin[1], s * spin[2]), fma(c, spin[2], -(s * spin[1]))
+    turning = _to_hinge(plan, spin)
+    w1 = fma(c, turning[1], s * turning[2])
+    w2 = fma(c, turning[2], -(s * turning[1]))
     about_a, about_c = fma(first, half, ia), fma(first, half, ic)
     swing = first * rate
-    force = (-2.0 * swing * w1, swing * fma(2.0, spin[0], rate), -first * acceleration)
+    force = (-2.0 * swing * w1, swing * fma(2.0, turning[0], rate), -first * acceleration)
     torque = (
         about_a * acceleration,
         rate * w2 * (about_a + ib - about_c),
         -rate * w1 * (about_a + about_c - ib),
     )
-    force, torque = _to_centre(y, joint, (subtract(water[0], force), subtract(water[1], torque)))
-    return FinInertia(m, (m_aft, m_up), inertia, force, torque)
+    left = (subtract(water[0], force), subtract(water[1], torque))
+    return Inertia(m, moment, inertia, *_to_middle(plan, joint, left))
 
 
-def forces(robot: Robot, state: State, current: Vector) -> Water:
+def forces(plan: BodyPlan, robot: Robot, state: State, current: Vector) -> Water:
     """Return the water's wrench on each part; ``current`` is its velocity in the world."""
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
-    spin, rates = state.spin, state.rates
-    left = _at_hinge(-PECTORAL_X, velocity, spin)
-    right = _at_hinge(PECTORAL_X, velocity, spin)
-    tail, tail_joint = _to_caudal(velocity), caudal_joint(state.phase)
-    force, torque = body_drag(velocity, spin)
-    return Water(
-        _fin_water(robot.left, PECTORAL_Y, state.left, rates[0], left, spin),
-        _fin_water(robot.right, PECTORAL_Y, state.right, rates[1], right, spin),
-        _fin_water(robot.caudal, CAUDAL_Y, tail_joint, rates[2], tail, _to_caudal(spin)),
-        (scale(robot.drag, force), scale(robot.drag, torque)),
+    fins = tuple(
+        _fin_water(fin_plan, fin, fin_joint(fin_plan, joint), rate, velocity, state.spin)
+        for fin_plan, fin, joint, rate in zip(
+            plan.fins, robot.fins, pairs(state.joints), state.rates, strict=True
+        )
     )
+    force, torque = body_drag(plan, velocity, state.spin)
+    return Water(fins, (scale(robot.drag, force), scale(robot.drag, torque)))
 
 
-def on_body(state: State, water: Water) -> Wrench:
-    """Return the water's whole force and its torque about the capsule's centre, in body axes."""
-    return _sum(
-        _to_centre(PECTORAL_Y, state.left, water.left),
-        _to_centre(PECTORAL_Y, state.right, water.right),
-        _to_centre(CAUDAL_Y, caudal_joint(state.phase), water.caudal),
-        water.body,
-    )
+def on_body(plan: BodyPlan, state: State, water: Water) -> Wrench:
+    """Return the water's whole force and its torque about the hull's centre, in body axes."""
+    fins: list[Numbers] = []
+    for fin, joint, on_fin in zip(plan.fins, pairs(state.joints), water.fins, strict=True):
+        force, torque = _to_middle(fin, fin_joint(fin, joint), on_fin)
+        fins.append((*force, *torque))
+    return _whole_wrench(*_sums(plan, fins), water.body)
 
 
-def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
+def _whole_wrench(
+    mirrored: Numbers,
+    others: Numbers,
+    groups: list[tuple[float, Numbers, Numbers]],
+    body: Wrench,
+) -> Wrench:
+    """Add the fins' wrenches, which end the parts of :func:`_sums`, and the hull's."""
+    fx, fy, fz, tx, ty, tz = _plus(mirrored[-6:], _plus(others[-6:], (*body[0], *body[1])))
+    for x, _, apart in groups:
+        ty = fma(-x, apart[-4], ty)
+        tz = fma(x, apart[-5], tz)
+    return (fx, fy, fz), (tx, ty, tz)
+
+
+def wrench(plan: BodyPlan, robot: Robot, state: State, current: Vector) -> Wrench:
     """Return :func:`on_body` in world axes: the lumped wrench for PyBullet."""
-    force, torque = on_body(state, forces(robot, state, current))
+    force, torque = on_body(plan, state, forces(plan, robot, state, current))
     r = rotation(state.orientation)
     return to_world(r, force), to_world(r, torque)
 
 
-def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
+def step(
+    plan: BodyPlan, robot: Robot, state: State, by: Drive, current: Vector, h: Number
+) -> State:
     """Advance one robot in the water by one step of length ``h`` seconds.
 
     ``by`` is from :func:`drive` with the same ``h``; ``current`` is the water's velocity in the
     world, units/s. The scheme is explicit, so h must be much shorter than the time in which drag
     stops the lightest motion; 0.01 is enough for every body within the limits.
     """
-    return move(robot, state, by, forces(robot, state, current), h)
+    return move(plan, robot, state, by, forces(plan, robot, state, current), h)
 
 
-def move(robot: Robot, state: State, by: Drive, water: Water, h: Number) -> State:
+def move(plan: BodyPlan, robot: Robot, state: State, by: Drive, water: Water, h: Number) -> State:
     """Advance one robot by one step under given forces: Newton and Euler, then Bullet's scheme."""
-    joints = next_joints(state, by, h)
-    composite = composite_inertia(robot, state, joint_accelerations(state, joints, h), water)
-    return advance(state, joints, accelerations(composite, state.spin), h)
+    joints = next_joints(plan, state, by, h)
+    whole = whole_inertia(plan, robot, state, joint_accelerations(state, joints, h), water)
+    return advance(state, joints, accelerations(whole, state.spin), h)
 
 
-def composite_inertia(robot: Robot, state: State, qdd: Vector, water: Water) -> CompositeInertia:
-    """Sum body and fins; ``qdd`` is the joints' accelerations, rad/s^2."""
-    spin, now = state.spin, state.rates
-    a = _fin_inertia(robot.left, PECTORAL_Y, state.left, now[0], qdd[0], spin, water.left)
-    b = _fin_inertia(robot.right, PECTORAL_Y, state.right, now[1], qdd[1], spin, water.right)
-    joint, tail_spin = caudal_joint(state.phase), _to_caudal(spin)
-    c = _fin_inertia(robot.caudal, CAUDAL_Y, joint, now[2], qdd[2], tail_spin, water.caudal)
-    force, torque = _sum((a.force, a.torque), (b.force, b.torque), (c.force, c.torque), water.body)
-    # The caudal hinge's axes are the body's (z, y, -x).
-    i = a.inertia
-    j = b.inertia
-    k = c.inertia
-    outboard = PECTORAL_X * PECTORAL_X * (a.mass + b.mass)
-    return CompositeInertia(
-        BODY_MASS + (a.mass + b.mass + c.mass),
-        (
-            fma(PECTORAL_X, b.mass - a.mass, -c.moment[1]),
-            a.moment[0] + b.moment[0] + c.moment[0],
-            a.moment[1] + b.moment[1],
-        ),
-        (
-            BODY_INERTIA[0] + (i[0] + j[0] + k[2]),
-            BODY_INERTIA[1] + (i[1] + j[1] + k[1] + outboard),
-            BODY_INERTIA[2] + (i[2] + j[2] + k[0] + outboard),
-            fma(-PECTORAL_X, b.moment[0] - a.moment[0], -k[3]),
-            -PECTORAL_X * (b.moment[1] - a.moment[1]),
-            i[3] + j[3],
-        ),
-        force,
-        torque,
+def whole_inertia(
+    plan: BodyPlan, robot: Robot, state: State, qdd: Numbers, water: Water
+) -> Inertia:
+    """Sum hull and fins; ``qdd`` is the joints' accelerations, rad/s^2."""
+    fins: list[Numbers] = []
+    joints = pairs(state.joints)
+    each = zip(plan.fins, robot.fins, joints, state.rates, qdd, water.fins, strict=True)
+    for fin_plan, fin, joint, rate, acceleration, on_fin in each:
+        part = _fin_inertia(
+            fin_plan, fin, fin_joint(fin_plan, joint), rate, acceleration, state.spin, on_fin
+        )
+        fins.append((part.mass, *part.moment, *part.inertia, *part.force, *part.torque))
+    mirrored, others, groups = _sums(plan, fins)
+    mass, mx, my, mz, xx, yy, zz, xy, xz, yz = _plus(mirrored[:10], others[:10])
+    # The fins' are of their hinges' own x: Steiner's theorem along the body's x axis.
+    for x, whole, apart in groups:
+        outboard = x * x * whole[0] + 2.0 * x * apart[1]
+        mx = fma(x, apart[0], mx)
+        yy, zz = yy + outboard, zz + outboard
+        xy, xz = fma(-x, apart[2], xy), fma(-x, apart[3], xz)
+    hull = hull_numbers(plan.hull)
+    return Inertia(
+        hull.mass + mass,
+        (mx, my, mz),
+        (hull.inertia[0] + xx, hull.inertia[1] + yy, hull.inertia[2] + zz, xy, xz, yz),
+        *_whole_wrench(mirrored, others, groups, water.body),
     )
 
 
-def accelerations(composite: CompositeInertia, spin: Vector) -> tuple[Vector, Vector]:
-    """Return the linear acceleration of the capsule's centre and the angular one, in body axes.
+def accelerations(whole: Inertia, spin: Vector) -> tuple[Vector, Vector]:
+    """Return the linear acceleration of the hull's centre and the angular one, in body axes.
 
     They solve Newton's and Euler's equations.
     """
     # About the centre of mass the two equations decouple: first the inertia there, ...
-    s, per_mass = composite.moment, 1.0 / composite.mass
+    s, per_mass = whole.moment, 1.0 / whole.mass
     centre = scale(per_mass, s)
-    xx, yy, zz, xy, xz, yz = composite.inertia
+    xx, yy, zz, xy, xz, yz = whole.inertia
     inertia = (
         fma(-s[1], centre[1], fma(-s[2], centre[2], xx)),
         fma(-s[0], centre[0], fma(-s[2], centre[2], yy)),
@@ -299,19 +341,18 @@ def accelerations(composite: CompositeInertia, spin: Vector) -> tuple[Vector, Ve
         fma(s[0], centre[2], xz),
         fma(s[1], centre[2], yz),
     )
-    # ... then Euler for the whole, and Newton for the capsule's centre.
-    torque = subtract(composite.torque, cross(centre, composite.force))
+    # ... then Euler for the whole, and Newton for the hull's centre.
+    torque = subtract(whole.torque, cross(centre, whole.force))
     alpha = times(inverse(inertia), subtract(torque, cross(spin, times(inertia, spin))))
     turning = add(cross(alpha, centre), cross(spin, cross(spin, centre)))
-    return subtract(scale(per_mass, composite.force), turning), alpha
+    return subtract(scale(per_mass, whole.force), turning), alpha
 
 
 def advance(state: State, joints: Joints, accelerations: tuple[Vector, Vector], h: Number) -> State:
     """Return the state after a step of length h: Bullet's scheme."""
     acceleration, alpha = accelerations
-    left, right, phase, rates = joints
     velocity = add_scaled(state.velocity, h, to_world(rotation(state.orientation), acceleration))
     spin = add_scaled(state.spin, h, alpha)
     position = add_scaled(state.position, h, velocity)
     orientation = turn(state.orientation, spin, h)
-    return State(orientation, position, velocity, spin, left, right, phase, rates)
+    return State(orientation, position, velocity, spin, *joints)

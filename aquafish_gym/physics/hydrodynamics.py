@@ -18,17 +18,18 @@ from __future__ import annotations
 
 import math
 
-from aquafish_gym.physics.arithmetic import Number, Vector, dot, fma, square_root
-from aquafish_gym.physics.robot import (
-    CAPSULE_STATIONS,
-    MOUNT_LENGTH,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    PECTORAL_Y,
-    RADIUS,
-    ROLL_AREA,
-    Fin,
+from aquafish_gym.physics.arithmetic import (
+    Number,
+    Vector,
+    add,
+    add_scaled,
+    dot,
+    fma,
+    square_root,
+    subtract,
 )
+from aquafish_gym.physics.robot import Fin, Mount, hull_numbers, mount
+from aquafish_gym.plans import BodyPlan
 
 DENSITY = 1.0
 NORMAL_DRAG = 1.2  # C_N; handbook: square plate 1.17, long plate 1.98
@@ -47,10 +48,6 @@ _ASIDE = math.sqrt(3.0) / 4
 
 _HALF = 0.5 * DENSITY
 _CROSS = _HALF * CROSS_FLOW_DRAG
-_AXIAL = _HALF * AXIAL_DRAG * math.pi * RADIUS**2
-_ROLL = _HALF * SKIN_FRICTION * ROLL_AREA
-_MOUNT_NORMAL = _HALF * NORMAL_DRAG * MOUNT_WIDTH * MOUNT_LENGTH
-_MOUNT_FRICTION = _HALF * 2 * SKIN_FRICTION * MOUNT_WIDTH * MOUNT_LENGTH
 
 
 def plate_coefficient(face: Number, edges: Number) -> Number:
@@ -124,44 +121,61 @@ def _station(y: float, weight: float, velocity: Vector, spin: Vector) -> tuple[N
     return k * x, k * z
 
 
-def _mount(x: float, velocity: Vector, spin: Vector) -> Vector:
-    """Return the force on the plate between body and pectoral hinge, centred at ``x``."""
+def _mount_drag(mount: Mount, velocity: Vector, spin: Vector) -> Vector:
+    """Return the force on the plate between hull and hinge."""
+    x, y, z = mount.at
     v = (
-        fma(-PECTORAL_Y, spin[2], velocity[0]),
-        fma(x, spin[2], velocity[1]),
-        fma(-x, spin[1], fma(PECTORAL_Y, spin[0], velocity[2])),
+        fma(z, spin[1], fma(-y, spin[2], velocity[0])),
+        fma(-z, spin[0], fma(x, spin[2], velocity[1])),
+        fma(-x, spin[1], fma(y, spin[0], velocity[2])),
     )
     speed = _speed(v)
-    rub = -_MOUNT_FRICTION * speed
-    return (rub * v[0], rub * v[1], -_MOUNT_NORMAL * speed * v[2])
+    along, through = dot(mount.aside, v), dot(mount.normal, v)
+    rub = -(_HALF * 2 * SKIN_FRICTION * mount.area) * speed
+    push = -(_HALF * NORMAL_DRAG * mount.area) * speed
+    rubbing = add_scaled((0.0, rub * v[1], 0.0), rub * along, mount.aside)
+    return add_scaled(rubbing, push * through, mount.normal)
 
 
-def body_drag(velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
-    """Return the water's force on capsule and fin mounts, and its torque about the origin.
+def body_drag(plan: BodyPlan, velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
+    """Return the water's force on the hull and the fins' mounts, and its torque about the origin.
 
     In body axes, as the centre's ``velocity`` relative to the water and ``spin`` (rad/s) are.
     """
-    (_, w0), (y1, w1), (y2, w2) = CAPSULE_STATIONS
+    hull = hull_numbers(plan.hull)
+    axial = _HALF * AXIAL_DRAG * math.pi * hull.radius**2
+    roll = _HALF * SKIN_FRICTION * hull.roll_area
+    mounts: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, -roll * abs(spin[1]) * spin[1], 0.0)
+    for group in plan.groups:
+        plates = [plate for i in group if (plate := mount(plan.hull, plan.fins[i]))]
+        if not plates:
+            continue
+        forces = [_mount_drag(plate, velocity, spin) for plate in plates]
+        x, y, z = plates[-1].at
+        whole, apart = forces[0], forces[0]
+        if len(plates) == 2:
+            whole, apart = add(*forces), subtract(forces[1], forces[0])
+        mounts = add(mounts, whole)
+        torque = (
+            fma(-z, whole[1], fma(y, whole[2], torque[0])),
+            fma(z, whole[0], fma(-x, apart[2], torque[1])),
+            fma(x, apart[1], fma(-y, whole[0], torque[2])),
+        )
+
+    (_, w0), (y1, w1), (y2, w2) = hull.stations
     k0 = -(_CROSS * w0) * square_root(fma(velocity[0], velocity[0], velocity[2] * velocity[2]))
     fore1_x, fore1_z = _station(y1, w1, velocity, spin)
     fore2_x, fore2_z = _station(y2, w2, velocity, spin)
     aft1_x, aft1_z = _station(-y1, w1, velocity, spin)
     aft2_x, aft2_z = _station(-y2, w2, velocity, spin)
-    left = _mount(-MOUNT_X, velocity, spin)
-    right = _mount(MOUNT_X, velocity, spin)
-    mounts = (left[0] + right[0], left[1] + right[1], left[2] + right[2])
     force = (
         fma(k0, velocity[0], (fore1_x + aft1_x) + (fore2_x + aft2_x) + mounts[0]),
-        fma(-_AXIAL * abs(velocity[1]), velocity[1], mounts[1]),
+        fma(-axial * abs(velocity[1]), velocity[1], mounts[1]),
         fma(k0, velocity[2], (fore1_z + aft1_z) + (fore2_z + aft2_z) + mounts[2]),
     )
-    torque = (
-        fma(y1, fore1_z - aft1_z, fma(y2, fore2_z - aft2_z, PECTORAL_Y * mounts[2])),
-        fma(MOUNT_X, left[2] - right[2], -_ROLL * abs(spin[1]) * spin[1]),
-        fma(
-            -y1,
-            fore1_x - aft1_x,
-            fma(-y2, fore2_x - aft2_x, fma(MOUNT_X, right[1] - left[1], -PECTORAL_Y * mounts[0])),
-        ),
+    return force, (
+        fma(y1, fore1_z - aft1_z, fma(y2, fore2_z - aft2_z, torque[0])),
+        torque[1],
+        fma(-y1, fore1_x - aft1_x, fma(-y2, fore2_x - aft2_x, torque[2])),
     )
-    return force, torque

@@ -7,6 +7,7 @@ scalar backend; see ``arithmetic.py``.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from aquafish_gym.physics.arithmetic import (
@@ -17,48 +18,62 @@ from aquafish_gym.physics.arithmetic import (
     arctangent2,
     dot,
     fma,
-    scale,
     small_sine_cosine,
-    subtract,
     where_less,
 )
+from aquafish_gym.plans import BodyPlan, FinPlan
 
-SWEEP = math.radians(30.0)  # caudal angle = SWEEP sin(phase)
 # A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
 # though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot
 # that runs away never reaches infinity there.)
 RUNAWAY_SQUARE = 1e12
 
 Pair = tuple[Number, Number]
-Joints = tuple[Pair, Pair, Pair, Vector]  # left, right, phase, the three speeds
+Numbers = tuple[Number, ...]
 
 
 class State(NamedTuple):
-    """Everything that changes from step to step; position and velocity are the capsule centre's."""
+    """Everything that changes from step to step; position and velocity are the hull centre's."""
 
     orientation: tuple[Number, Number, Number, Number]  # (x, y, z, w) from body to world
     position: Vector  # in the world, units
     velocity: Vector  # in the world, units/s
     spin: Vector  # in body axes, rad/s
-    left: Pair  # (cos, sin) of the pectorals' angles, and of the caudal fin's phase
-    right: Pair
-    phase: Pair
-    rates: Vector  # the three joints' present speeds, rad/s
+    joints: Numbers  # cos and sin of each fin's angle in turn, or of the phase of one that sweeps
+    rates: Numbers  # the joints' present speeds, rad/s
+
+
+class Joints(NamedTuple):
+    """How a state's joints stand and turn."""
+
+    joints: Numbers
+    rates: Numbers
 
 
 class Drive(NamedTuple):
-    """A command's effect in one step: (cos, sin) of each servo's turn, the pectorals' rad/s."""
+    """A command's effect in one step: cos and sin of each servo's turn, and its speed, rad/s."""
 
-    left: Pair
-    right: Pair
-    phase: Pair
-    speeds: Pair
+    turns: Numbers
+    speeds: Numbers
+
+
+def state_like(plan: BodyPlan) -> State:
+    """Return a state of zeros, which has the shape of the plan's."""
+    zero = (0.0, 0.0, 0.0)
+    fins = len(plan.fins)
+    return State((0.0,) * 4, zero, zero, zero, (0.0,) * 2 * fins, (0.0,) * fins)
+
+
+def drive_like(plan: BodyPlan) -> Drive:
+    """Return a drive of zeros, which has the shape of the plan's."""
+    fins = len(plan.fins)
+    return Drive((0.0,) * 2 * fins, (0.0,) * fins)
 
 
 def has_diverged(state: State) -> Number:
     """Return 1 where a robot ran away or its numbers are not finite, else 0; see RUNAWAY_SQUARE."""
     square = 0.0 * state.spin[0]  # NaN if a number is infinite or NaN
-    for x in state.orientation + state.position + state.left + state.right + state.phase:
+    for x in state.orientation + state.position + state.joints:
         square = square + 0.0 * x
     for x in state.rates:
         square = square + 0.0 * x
@@ -67,16 +82,14 @@ def has_diverged(state: State) -> Number:
     return where_less(square, RUNAWAY_SQUARE, 0.0, 1.0)
 
 
-def joint_angles(state: State) -> Vector:
-    """Return left and right pectoral angle and caudal phase in (-pi, pi], rad."""
-    left = state.left
-    right = state.right
-    phase = state.phase
-    return (
-        arctangent2(left[1], left[0]),
-        arctangent2(right[1], right[0]),
-        arctangent2(phase[1], phase[0]),
-    )
+def pairs(numbers: Numbers) -> list[Pair]:
+    """Return the (cos, sin) of each fin of those of all in turn."""
+    return list(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def joint_angles(joints: Numbers) -> Numbers:
+    """Return the angles, and phases of fins that sweep, in (-pi, pi], rad."""
+    return tuple(arctangent2(sine, cosine) for cosine, sine in pairs(joints))
 
 
 def rotation(q: tuple[Number, Number, Number, Number]) -> Matrix:
@@ -144,15 +157,14 @@ def turn(
     return (k * n0, k * n1, k * n2, k * n3)
 
 
-def drive(command: Vector, h: Number) -> Drive:
-    """Return the drive for a command in rev/s, rev/s and Hz."""
-    left = TAU * command[0]
-    right = TAU * command[1]
-    caudal = TAU * command[2]
-    sl, cl = small_sine_cosine(left * h)
-    sr, cr = small_sine_cosine(right * h)
-    sp, cp = small_sine_cosine(caudal * h)
-    return Drive((cl, sl), (cr, sr), (cp, sp), (left, right))
+def drive(command: Iterable[Number], h: Number) -> Drive:
+    """Return the drive for a command, rev/s or Hz."""
+    speeds = tuple(TAU * x for x in command)
+    turns: list[Number] = []
+    for speed in speeds:
+        sine, cosine = small_sine_cosine(speed * h)
+        turns += [cosine, sine]
+    return Drive(tuple(turns), speeds)
 
 
 def turned(pair: Pair, by: Pair) -> Pair:
@@ -163,41 +175,44 @@ def turned(pair: Pair, by: Pair) -> Pair:
     return (pull * c, pull * s)
 
 
-def caudal_angle(phase: Pair) -> Number:
-    """Return the caudal fin's angle in rad: +-30 degrees over a cycle of the phase."""
-    return SWEEP * phase[1]
+def fin_angle(fin: FinPlan, joint: Pair) -> Number:
+    """Return the angle of a fin that sweeps, rad, of the (cos, sin) of its phase."""
+    return fin.sweep * joint[1]
 
 
-def caudal_joint(phase: Pair) -> Pair:
-    """Return (cos, sin) of the caudal fin's angle."""
-    sine, cosine = small_sine_cosine(caudal_angle(phase))
+def fin_joint(fin: FinPlan, joint: Pair) -> Pair:
+    """Return (cos, sin) of a fin's angle."""
+    if fin.turns:
+        return joint
+    sine, cosine = small_sine_cosine(fin_angle(fin, joint))
     return (cosine, sine)
 
 
-def next_joints(state: State, by: Drive, h: Number) -> Joints:
-    """Return the joints one step on: left, right, phase, and the three speeds over the step."""
-    phase = turned(state.phase, by.phase)
-    sweep = (caudal_angle(phase) - caudal_angle(state.phase)) * (1.0 / h)
-    return (
-        turned(state.left, by.left),
-        turned(state.right, by.right),
-        phase,
-        (by.speeds[0], by.speeds[1], sweep),
+def next_joints(plan: BodyPlan, state: State, by: Drive, h: Number) -> Joints:
+    """Return the joints one step on, and their speeds over the step."""
+    before = pairs(state.joints)
+    after = list(map(turned, before, pairs(by.turns)))
+    rates = []
+    for fin, old, new, speed in zip(plan.fins, before, after, by.speeds, strict=True):
+        swept = (fin_angle(fin, new) - fin_angle(fin, old)) * (1.0 / h)
+        rates.append(speed if fin.turns else swept)
+    return Joints(tuple(x for pair in after for x in pair), tuple(rates))
+
+
+def joint_accelerations(state: State, joints: Joints, h: Number) -> Numbers:
+    """Return the joints' accelerations over the step to ``joints``, rad/s^2."""
+    return tuple(
+        (1.0 / h) * (after - now) for now, after in zip(state.rates, joints.rates, strict=True)
     )
 
 
-def joint_accelerations(state: State, joints: Joints, h: Number) -> Vector:
-    """Return the joints' accelerations over the step to ``joints``, rad/s^2."""
-    return scale(1.0 / h, subtract(joints[3], state.rates))
-
-
-def at_rest(fin_angles: tuple[float, float, float]) -> State:
+def at_rest(fin_angles: Iterable[float]) -> State:
     """Return the state every trial starts from, on plain floats: still, upright, facing +y."""
-    left, right, phase = ((math.cos(a), math.sin(a)) for a in fin_angles)
-    return resting(left, right, phase)
+    return resting(tuple(of(angle) for angle in fin_angles for of in (math.cos, math.sin)))
 
 
-def resting(left: Pair, right: Pair, phase: Pair) -> State:
-    """Return :func:`at_rest` for the (cos, sin) of the joints."""
+def resting(joints: Numbers) -> State:
+    """Return :func:`at_rest` for the cos and sin of each joint in turn."""
     zero = (0.0, 0.0, 0.0)
-    return State((0.0, 0.0, 0.0, 1.0), zero, zero, zero, left, right, phase, zero)
+    rates = (0.0,) * (len(joints) // 2)
+    return State((0.0, 0.0, 0.0, 1.0), zero, zero, zero, joints, rates)

@@ -8,14 +8,10 @@ instead of three. Straight-line code for any scalar backend.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
-from aquafish_gym.physics.added_mass import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
-    fin_added_mass,
-    trailing_edge,
-)
+from aquafish_gym.physics.added_mass import fin_added_mass, hull_added_mass, trailing_edge
 from aquafish_gym.physics.arithmetic import (
     Matrix,
     Number,
@@ -31,24 +27,27 @@ from aquafish_gym.physics.arithmetic import (
     times,
 )
 from aquafish_gym.physics.dynamics import (
-    CompositeInertia,
+    Inertia,
     Wrench,
     advance,
-    composite_inertia,
     forces,
     on_body,
+    whole_inertia,
 )
 from aquafish_gym.physics.kinematics import (
     Drive,
+    Numbers,
     State,
-    caudal_joint,
+    fin_joint,
     joint_accelerations,
     next_joints,
+    pairs,
     rotation,
     to_body,
     to_world,
 )
-from aquafish_gym.physics.robot import CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Robot
+from aquafish_gym.physics.robot import Fin, Robot
+from aquafish_gym.plans import BodyPlan, Hull
 
 
 class Motion(NamedTuple):
@@ -178,10 +177,10 @@ def _fin_added(fin: Fin, motion: Motion) -> Added:
     )
 
 
-def _body_added(velocity: Vector, spin: Vector) -> Added:
-    """Return the terms of the water that moves with the capsule (Kirchhoff's equations)."""
+def _body_added(hull: Hull, velocity: Vector, spin: Vector) -> Added:
+    """Return the terms of the water that moves with the hull (Kirchhoff's equations)."""
     zero = (0.0, 0.0, 0.0)
-    mass, inertia = BODY_ADDED_MASS, BODY_ADDED_INERTIA
+    mass, inertia = hull_added_mass(hull)
     slip = cross(spin, velocity)
     p = (mass[0] * velocity[0], mass[1] * velocity[1], mass[2] * velocity[2])
     momentum = (inertia[0] * spin[0], inertia[1] * spin[1], inertia[2] * spin[2])
@@ -196,61 +195,57 @@ def _body_added(velocity: Vector, spin: Vector) -> Added:
     )
 
 
-def added_water(robot: Robot, state: State, qdd: Vector, current: Vector) -> Added:
+def added_water(plan: BodyPlan, robot: Robot, state: State, qdd: Numbers, current: Vector) -> Added:
     """Return the terms of the accelerated and the shed water in the equations of motion.
 
     ``qdd`` are the joints' accelerations over the step, rad/s^2, and ``current`` the water's steady
     velocity in the world, units/s.
     """
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
-    spin, rates = state.spin, state.rates
-    (lc, ls), (rc, rs) = state.left, state.right
-    tc, ts = caudal_joint(state.phase)
-    x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-    left = _motion(
-        robot.left, (-PECTORAL_X, PECTORAL_Y, 0.0), (x, (0.0, lc, ls), (0.0, -ls, lc)),
-        rates[0], qdd[0], velocity, spin,
-    )  # fmt: skip
-    right = _motion(
-        robot.right, (PECTORAL_X, PECTORAL_Y, 0.0), (x, (0.0, rc, rs), (0.0, -rs, rc)),
-        rates[1], qdd[1], velocity, spin,
-    )  # fmt: skip
-    # The caudal hinge's axes are the body's (z, y, -x).
-    tail = _motion(
-        robot.caudal, (0.0, CAUDAL_Y, 0.0), (z, (-ts, tc, 0.0), (-tc, -ts, 0.0)),
-        rates[2], qdd[2], velocity, spin,
-    )  # fmt: skip
-    fins = _add(_fin_added(robot.left, left), _fin_added(robot.right, right))
-    found = _add(_add(fins, _fin_added(robot.caudal, tail)), _body_added(velocity, spin))
-    half = scale(-0.5 * robot.caudal.length, tail.along)
-    end = add(tail.velocity, cross(tail.spin, half))
-    force = trailing_edge(robot.caudal, end, tail.along, tail.normal)
-    return Added(
-        found.linear,
-        found.coupling,
-        found.angular,
-        add(found.force, force),
-        add(found.torque, cross(add(tail.at, half), force)),
-    )
+    spin = state.spin
+    terms = []
+    shed = []
+    joints = pairs(state.joints)
+    each = zip(plan.fins, robot.fins, joints, state.rates, qdd, strict=True)
+    for fin_plan, fin, joint, rate, acceleration in each:
+        c, s = fin_joint(fin_plan, joint)
+        width, length, normal = fin_plan.frame
+        axes = (
+            width,
+            add_scaled(scale(s, normal), c, length),
+            add_scaled(scale(-s, length), c, normal),
+        )
+        motion = _motion(fin, fin_plan.hinge, axes, rate, acceleration, velocity, spin)
+        terms.append(_fin_added(fin, motion))
+        if not fin_plan.turns:
+            shed.append(_shed(fin, motion))
+    found = _add(functools.reduce(_add, terms), _body_added(plan.hull, velocity, spin))
+    for force, torque in shed:
+        found = found._replace(force=add(found.force, force), torque=add(found.torque, torque))
+    return found
 
 
-def accelerations_with(
-    composite: CompositeInertia, added: Added, spin: Vector
-) -> tuple[Vector, Vector]:
+def _shed(fin: Fin, motion: Motion) -> Wrench:
+    """Return the wrench of the water that leaves the end of a fin that sweeps."""
+    half = scale(-0.5 * fin.length, motion.along)
+    end = add(motion.velocity, cross(motion.spin, half))
+    force = trailing_edge(fin, end, motion.along, motion.normal)
+    return force, cross(add(motion.at, half), force)
+
+
+def accelerations_with(whole: Inertia, added: Added, spin: Vector) -> tuple[Vector, Vector]:
     """Solve the equations of motion of a robot and its added water, in body axes.
 
     As :func:`~aquafish_gym.physics.dynamics.accelerations`, with a mass that depends on the
     direction: six equations, the linear three eliminated first.
     """
-    m, s = composite.mass, composite.moment
+    m, s = whole.mass, whole.moment
     inverse_mass = inverse(_add_symmetric((m, m, m, 0.0, 0.0, 0.0), added.linear))
     rigid = ((0.0, -s[2], s[1]), (s[2], 0.0, -s[0]), (-s[1], s[0], 0.0))
     cx, cy, cz = _add_matrix(rigid, added.coupling)
-    xx, yy, zz, xy, xz, yz = _add_symmetric(composite.inertia, added.angular)
-    force = subtract(add(composite.force, added.force), cross(spin, cross(spin, s)))
-    torque = subtract(
-        add(composite.torque, added.torque), cross(spin, times(composite.inertia, spin))
-    )
+    xx, yy, zz, xy, xz, yz = _add_symmetric(whole.inertia, added.angular)
+    force = subtract(add(whole.force, added.force), cross(spin, cross(spin, s)))
+    torque = subtract(add(whole.torque, added.torque), cross(spin, times(whole.inertia, spin)))
 
     free = times(inverse_mass, force)
     gx = times(inverse_mass, cx)
@@ -270,28 +265,32 @@ def accelerations_with(
     return subtract(free, yielding), alpha
 
 
-def step_reactive(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
+def step_reactive(
+    plan: BodyPlan, robot: Robot, state: State, by: Drive, current: Vector, h: Number
+) -> State:
     """Advance one robot by one step; see :func:`~aquafish_gym.physics.dynamics.step`."""
-    joints = next_joints(state, by, h)
+    joints = next_joints(plan, state, by, h)
     qdd = joint_accelerations(state, joints, h)
-    composite = composite_inertia(robot, state, qdd, forces(robot, state, current))
-    added = added_water(robot, state, qdd, current)
-    return advance(state, joints, accelerations_with(composite, added, state.spin), h)
+    whole = whole_inertia(plan, robot, state, qdd, forces(plan, robot, state, current))
+    added = added_water(plan, robot, state, qdd, current)
+    return advance(state, joints, accelerations_with(whole, added, state.spin), h)
 
 
-def reactive_wrench(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> Wrench:
-    """Return the water's whole wrench on the capsule's centre over a step, in world axes.
+def reactive_wrench(
+    plan: BodyPlan, robot: Robot, state: State, by: Drive, current: Vector, h: Number
+) -> Wrench:
+    """Return the water's whole wrench on the hull's centre over a step, in world axes.
 
     The force of the added mass depends on the acceleration, so this computes the step's own.
     """
-    joints = next_joints(state, by, h)
+    joints = next_joints(plan, state, by, h)
     qdd = joint_accelerations(state, joints, h)
-    water = forces(robot, state, current)
-    added = added_water(robot, state, qdd, current)
-    composite = composite_inertia(robot, state, qdd, water)
-    a, alpha = accelerations_with(composite, added, state.spin)
+    water = forces(plan, robot, state, current)
+    added = added_water(plan, robot, state, qdd, current)
+    whole = whole_inertia(plan, robot, state, qdd, water)
+    a, alpha = accelerations_with(whole, added, state.spin)
     cx, cy, cz = added.coupling
-    force, torque = on_body(state, water)
+    force, torque = on_body(plan, state, water)
     resisting = add_scaled(add_scaled(scale(alpha[0], cx), alpha[1], cy), alpha[2], cz)
     force = subtract(add(force, added.force), add(times(added.linear, a), resisting))
     turning = add((dot(cx, a), dot(cy, a), dot(cz, a)), times(added.angular, alpha))

@@ -1,9 +1,10 @@
 """Symbols: numbers that are not known yet, a scalar backend of ``arithmetic.py``.
 
 The physics runs on symbols as it runs on floats. The results are expressions, which
-``printing.py`` prints in another language. Operations of constants are computed here, in double
-precision, as plain Python computes them; nothing is simplified, so that the printed code rounds
-as plain Python does.
+``printing.py`` prints. Operations of constants are computed here, in double precision, as plain
+Python computes them, and what a constant of 0, 1 or -1 makes needless is left out: a hinge along
+the body's axes costs no multiplication. Nothing else is simplified, so that the printed code rounds
+as plain Python does; only the sign of a zero may differ.
 """
 
 from __future__ import annotations
@@ -79,8 +80,8 @@ class Symbol:
         return operation("less", other, self)
 
 
-def operation(name: str, *operands: Any) -> Symbol:
-    """Return the symbol of an operation on symbols and plain numbers.
+def operation(name: str, *operands: Any) -> Any:
+    """Return the symbol of an operation on symbols and numbers, or what a 0 or 1 leaves of it.
 
     Raises
     ------
@@ -90,4 +91,24 @@ def operation(name: str, *operands: Any) -> Symbol:
     for operand in operands:
         if not isinstance(operand, Symbol | float | int):
             raise TypeError(f"{name} takes symbols and numbers; got {type(operand).__name__}")
-    return Symbol(name, *(x if isinstance(x, Symbol) else float(x) for x in operands))
+    given = [x if isinstance(x, Symbol) else float(x) for x in operands]
+    match name, given:
+        case ("add", [a, 0.0]) | ("add", [0.0, a]) | ("subtract", [a, 0.0]):
+            return a
+        case ("multiply", [_, 0.0]) | ("multiply", [0.0, _]):
+            return 0.0
+        case ("multiply" | "divide", [a, 1.0]) | ("multiply", [1.0, a]):
+            return a
+        case ("multiply", [a, -1.0]) | ("multiply", [-1.0, a]) | ("subtract", [0.0, a]):
+            return -a
+        case "negate", [Symbol(operation="negate", operands=(a,))]:
+            return a
+        case ("fma", [_, 0.0, c]) | ("fma", [0.0, _, c]):
+            return c
+        case "fma", [a, b, 0.0]:
+            return a * b
+        case ("fma", [a, 1.0, c]) | ("fma", [1.0, a, c]):
+            return a + c
+        case ("fma", [a, -1.0, c]) | ("fma", [-1.0, a, c]):
+            return c - a
+    return Symbol(name, *given)

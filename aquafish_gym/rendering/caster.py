@@ -47,7 +47,10 @@ def draw(
     centres = robots.poses[..., :3]
     table = [half, centres, np.stack(axes, axis=-1), robots.colours]
     table.append(np.sum(half**2, axis=-1, keepdims=True))  # squared radius of a bounding ball
-    parts = np.concatenate(table, axis=-1).reshape(-1, 19)
+    capsule = np.zeros((*half.shape[:-1], 1))
+    capsule[:, 0] = 1.0  # the others are boxes
+    table.append(capsule)
+    parts = np.concatenate(table, axis=-1).reshape(-1, 20)
     shown = np.full((height, width), _UNSEEN, np.int32)
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8)
     for part in parts[parts[:, 0] > 0]:
@@ -196,7 +199,7 @@ def _trace(parts: Any, skip: int, start: Any, d: Any) -> tuple[float, int, Any]:
         o = _into(parts, m, q)
         along = _into(parts, m, d)
         half = (parts[m, 0], parts[m, 1], parts[m, 2])
-        t, n = _hit_capsule(half, o, along) if m % 9 == 0 else _hit_box(half, o, along)
+        t, n = _hit_capsule(half, o, along) if parts[m, 19] else _hit_box(half, o, along)
         if t < best:
             best = t
             found = m
@@ -238,7 +241,7 @@ def _look(camera: Any, parts: Any, side: float, rise: float, behind: Any) -> tup
     green = min(parts[m, 16] * bright + gloss, 255.0)
     blue = min(parts[m, 17] * bright + gloss, 255.0)
     # Faces of a box differ in their normal.
-    face = 0 if m % 9 == 0 else int(normal[0] + 3 * normal[1] + 5 * normal[2]) + 5
+    face = 0 if parts[m, 19] else int(normal[0] + 3 * normal[1] + 5 * normal[2]) + 5
     hazy = _mix(scene.WATER_BELOW, (red, green, blue), _fog(t / (4 * fog)))
     return 32 * m + 2 * face + lit, hazy
 

@@ -109,10 +109,11 @@ def film_frames(
     edge = size // 2
     for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
-        now = (
+        bodies, broken, positions, quaternions, angles = (
             np.stack([lane[k][i] for lane, i in zip(lanes, last, strict=True)]) for k in range(2, 7)
         )
-        picture, cover = caster.draw(view, course.floor, scene.place_robots(*now), width, height)
+        robots = scene.place_robots(bodies, broken, positions, quaternions, angles)
+        picture, cover = caster.draw(view, course.floor, robots, width, height)
         image = Image.fromarray(picture)
         trails = [lane.position[: i + 1] for lane, i in zip(lanes, last, strict=True)]
         for points, colour in (*rulers, *zip(trails, course.colours, strict=True)):

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering.camera import Camera, Frame
 from aquafish_gym.rendering.scene import floor_below, place_robots
 from aquafish_gym.utils.validation import (
@@ -44,7 +45,7 @@ def render_pose(
     body = instance("morphology", morphology, Morphology)
     view = Camera() if camera is None else instance("camera", camera, Camera)
     for fin in sequence("broken", broken):
-        one_of("broken", fin, FINS)
+        one_of("broken", fin, AQUAFISH.names)
     integer("width", width, 16, 4096)
     integer("height", height, 16, 4096)
     if not isinstance(pose, tuple | list) or len(pose) != 2:
@@ -56,7 +57,7 @@ def render_pose(
         raise InvalidArgumentError(f"pose quaternion must have length 1; got {length:g}")
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     robots = place_robots(
-        *([body.to_array()], [[fin in broken for fin in FINS]]),
+        *([body.to_array()], [[fin in broken for fin in AQUAFISH.names]]),
         *([position], [quaternion / length], [angles]),
     )
     floor = floor_below(position[None])

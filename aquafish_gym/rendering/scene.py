@@ -6,23 +6,25 @@ Lengths are in units of 5 cm. Quaternions are (x, y, z, w). A colour is red, gre
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.morphology import FINS
-from aquafish_gym.physics import robot
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
     add,
     cosine_sine,
     cross,
+    dot,
     scale,
     where_less,
 )
-from aquafish_gym.physics.kinematics import caudal_angle
+from aquafish_gym.physics.kinematics import fin_angle
+from aquafish_gym.physics.robot import MOUNT_LENGTH, Mount, mount
+from aquafish_gym.plans import AQUAFISH, BodyPlan, FinPlan
 from aquafish_gym.utils.array_types import Floats
 
 Colour = tuple[int, int, int]
@@ -46,27 +48,33 @@ CLEARANCE = 2.0  # least distance of the floor below a diving robot
 GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
-#: The first part is a capsule along its y axis, the others are boxes.
-DRAWN_PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
-FIN_PARTS = slice(3, 6)
 PART_NUMBERS = 13  # of a ``DrawnPart``
 
-CAPSULE: Vector = (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS)
-_PLATE: Vector = (robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)  # size of a mount
-_HINGES: tuple[Vector, ...] = (
-    (-robot.PECTORAL_X, robot.PECTORAL_Y, 0.0),
-    (robot.PECTORAL_X, robot.PECTORAL_Y, 0.0),
-    (0.0, robot.CAUDAL_Y, 0.0),
-)
-_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_MOUNT_THICKNESS = 0.08
 _UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
 _RIM = 0.12  # length of a break, and distance by which it exceeds its fin
 _LOST = 0.16  # size of the break where a whole fin is missing: too small to pass for a fin
 
 
+def drawn_parts(plan: BodyPlan = AQUAFISH) -> tuple[str, ...]:
+    """Return the names of what is drawn of a fish.
+
+    The first part is a capsule along its y axis, the others are boxes: mounts, fins, and the break
+    of each fin.
+    """
+    mounts = [f"{fin.name}_mount" for fin in plan.fins if mount(plan.hull, fin)]
+    return ("body", *mounts, *plan.names, *(f"{fin}_break" for fin in plan.names))
+
+
+def fin_parts(plan: BodyPlan = AQUAFISH) -> slice:
+    """Return where the fins stand among the drawn parts."""
+    first = len(drawn_parts(plan)) - 2 * len(plan.fins)
+    return slice(first, first + len(plan.fins))
+
+
 class DrawnPart(NamedTuple):
-    """One of the ``DRAWN_PARTS`` of a robot, in body axes."""
+    """One of the :func:`drawn_parts` of a robot, in body axes."""
 
     centre: Vector
     turn: Quaternion
@@ -75,15 +83,15 @@ class DrawnPart(NamedTuple):
 
 
 class DrawnRobots(NamedTuple):
-    """The ``DRAWN_PARTS`` of N robots, or of one robot at N moments.
+    """The P :func:`drawn_parts` of N robots, or of one robot at N moments.
 
     A fin without area and the break of an intact fin have size 0.
     """
 
-    #: (N, 9, 3) extents along each part's own axes; a capsule's radius is half of x.
+    #: (N, P, 3) extents along each part's own axes; a capsule's radius is half of x.
     sizes: Floats
-    colours: Floats  #: (N, 9, 3)
-    poses: Floats  #: (N, 9, 7) position and quaternion in the world.
+    colours: Floats  #: (N, P, 3)
+    poses: Floats  #: (N, P, 7) position and quaternion in the world.
 
 
 def place_robots(
@@ -92,6 +100,7 @@ def place_robots(
     positions: ArrayLike,
     quaternions: ArrayLike,
     fin_angles: ArrayLike,
+    plan: BodyPlan = AQUAFISH,
 ) -> DrawnRobots:
     """Return the drawn parts of robots.
 
@@ -101,16 +110,18 @@ def place_robots(
     Parameters
     ----------
     bodies
-        (N, 9) sizes, in the order of ``Morphology.to_array``.
+        (N, S) sizes, in the order of ``Morphology.to_array``.
     broken
-        (N, 3) bool, whether each fin is broken.
+        (N, F) bool, whether each fin is broken.
     positions, quaternions
         (N, 3) and (N, 4), of the bodies.
     fin_angles
-        (N, 3): left and right pectoral angle and caudal phase, rad.
+        (N, F): each fin's angle, or the phase of one that sweeps, rad.
+    plan
+        Of all robots.
     """
     sizes, marked, angles = (list(np.array(each, float).T) for each in (bodies, broken, fin_angles))
-    parts = place_parts(sizes, marked, angles)
+    parts = place_parts(sizes, marked, angles, plan)
     table = [np.broadcast_arrays(sizes[0], *field) for part in parts for field in part]
     centre, turn, size, colour = (
         np.stack([np.stack(rows[1:], axis=-1) for rows in table[first::4]], axis=1)
@@ -121,33 +132,33 @@ def place_robots(
     return DrawnRobots(size, colour, np.concatenate(poses, axis=-1))
 
 
-def place_parts(sizes: Any, broken: Any, fin_angles: Any) -> list[DrawnPart]:
+def place_parts(
+    sizes: Any, broken: Any, fin_angles: Any, plan: BodyPlan = AQUAFISH
+) -> list[DrawnPart]:
     """Return the drawn parts of a robot in body axes; see :func:`place_robots`.
 
     Straight-line code for rows and for symbols (``physics/arithmetic.py``), by which a page of
     ``aquafish.page`` places the same parts in JavaScript. ``broken`` holds 0 and 1.
     """
-    plates = [
-        DrawnPart((side * robot.MOUNT_X, robot.PECTORAL_Y, 0.0), _UPRIGHT, _PLATE, MOUNT)
-        for side in (-1, 1)
-    ]
-    left, right, phase = fin_angles
-    tail = caudal_angle(cosine_sine(phase))
+    hull = plan.hull
+    capsule = (2 * hull.radius, hull.length, 2 * hull.radius)
+    plates = [_plate(plate) for fin in plan.fins if (plate := mount(hull, fin))]
     fins = []
     breaks = []
-    for i, angle in enumerate((left, right, tail)):
+    for i, fin in enumerate(plan.fins):
+        angle = fin_angles[i] if fin.turns else fin_angle(fin, cosine_sine(fin_angles[i]))
         size = sizes[3 * i], sizes[3 * i + 1], sizes[3 * i + 2]
+        along = fin.order.index("length")
         marked = broken[i]
-        x, y, z = (where_less(extent, _THINNEST, _THINNEST, extent) for extent in size)
+        drawn = tuple(where_less(extent, _THINNEST, _THINNEST, extent) for extent in size)
         count = sum(where_less(0.0, extent, 1.0, 0.0) for extent in size)
         shown = where_less(1.5, count, 1.0, 0.0)
         cosine, sine = cosine_sine(angle * 0.5)
-        axis = scale(sine, _AXES[i])
-        turn = (*axis, cosine)
+        axis = scale(sine, fin.axis)
         # From the hinge to the fin's middle and to its end.
-        length = size[1] * shown
+        length = size[along] * shown
         middle, end = (
-            add(_HINGES[i], _turned(axis, cosine, scale(-share * length, (0.0, 1.0, 0.0))))
+            add(fin.hinge, _turned(axis, cosine, scale(share * length, fin.direction)))
             for share in (0.5, 1.0)
         )
         colour = tuple(
@@ -155,11 +166,30 @@ def place_parts(sizes: Any, broken: Any, fin_angles: Any) -> list[DrawnPart]:
             for one, other in zip(BROKEN_FIN, FIN, strict=True)
         )
         rim = tuple(
-            marked * where_less(0.5, shown, extent + _RIM, _LOST) for extent in (x, 0.0 * y, z)
+            marked * where_less(0.5, shown, (0.0 * x if k == along else x) + _RIM, _LOST)
+            for k, x in enumerate(drawn)
         )
-        fins.append(DrawnPart(middle, turn, scale(shown, (x, y, z)), colour))
+        turn = _after(axis, cosine, fin)
+        fins.append(DrawnPart(middle, turn, scale(shown, drawn), colour))
         breaks.append(DrawnPart(end, turn, rim, BREAK))
-    return [DrawnPart((0.0, 0.0, 0.0), _UPRIGHT, CAPSULE, BODY), *plates, *fins, *breaks]
+    return [DrawnPart((0.0, 0.0, 0.0), _UPRIGHT, capsule, BODY), *plates, *fins, *breaks]
+
+
+def _plate(plate: Mount) -> DrawnPart:
+    """Return the drawn plate between hull and hinge."""
+    half = 0.5 * math.atan2(-plate.aside[2], plate.aside[0])
+    size = (plate.area / MOUNT_LENGTH, MOUNT_LENGTH, _MOUNT_THICKNESS)
+    return DrawnPart(plate.at, (0.0, math.sin(half), 0.0, math.cos(half)), size, MOUNT)
+
+
+def _after(axis: Vector, cosine: Number, fin: FinPlan) -> Quaternion:
+    """Return the turn of a fin's box, whose own axes are those in which its sizes are stated."""
+    if fin.is_along_axes:
+        return (*axis, cosine)
+    x, y, z, w = fin.attitude
+    own = (x, y, z)
+    turned = add(add(scale(w, axis), scale(cosine, own)), cross(axis, own))
+    return (*turned, cosine * w - dot(axis, own))
 
 
 def _turned(axis: Vector, cosine: Number, v: Vector) -> Vector:

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
-from aquafish_gym.physics.layout import STATE_ROWS, angles_of_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout.many import swim_many
 from aquafish_gym.rollout.one import swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories
@@ -133,8 +134,8 @@ def rollout(
                 "policy must not observe a goal in a task that has none; choose a task with a goal"
             )
     if start is not None:
-        start = finite_array("start", start, (STATE_ROWS, batch))
-        scenario = replace(scenario, fin_angles=angles_of_rows(start).T)
+        start = finite_array("start", start, (layout(AQUAFISH).state_rows, batch))
+        scenario = replace(scenario, fin_angles=layout(AQUAFISH).angles(start).T)
     steps = round(seconds / TIMESTEP)
     if task is not None and steps % interval:
         raise InvalidArgumentError(

@@ -30,7 +30,7 @@ def swim_many(
 
     scenario = plan.scenario
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads, states=start)
-    loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
+    loop = ClosedLoop(lanes.batch, len(scenario.plan.fins), lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     compiled = compiled_task(plan.task)
     if compiled is not None:

@@ -33,10 +33,11 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
     rngs = [copy.deepcopy(rng) for rng in plan.rngs[robot : robot + 1]]
     memory: Memory = tuple(plan.memory[robot].tolist())
     total = 0.0
-    path = np.full((-(-plan.steps // plan.interval) + 1, 10), math.nan)
+    fins = len(plan.scenario.plan.fins)
+    path = np.full((-(-plan.steps // plan.interval) + 1, 7 + fins), math.nan)
     gyro = np.full((plan.steps, 3), math.nan)
-    commands = np.full((plan.steps, 3), math.nan)
-    most = limits(observe_fins=False, has_goal=task.has_goal)
+    commands = np.full((plan.steps, fins), math.nan)
+    most = limits(has_goal=task.has_goal)
     scenario = plan.scenario.take(robot)
     fish = OneRobot(engine, scenario, plan.interval, dtype=np.float64, substeps=plan.substeps)
     world = fish.start(scenario)
@@ -49,10 +50,10 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             fish.flow(water)
             goal = task.goal(memory) if task.has_goal else None
             observation = fish.sense(_observe(before, goal), most, rngs)
-            action = finite_array("action", act(observation, t * TIMESTEP), (3,))
+            action = finite_array("action", act(observation, t * TIMESTEP), (fins,))
             done = tuple(np.clip(action, -1.0, 1.0).tolist())
-            command = servo_speeds(done)
-            followed = servo_speeds(fish.robots.follow(done))
+            command = servo_speeds(plan.scenario.plan, done)
+            followed = servo_speeds(plan.scenario.plan, fish.robots.follow(done))
             for k in range(t, min(t + plan.interval, plan.steps)):
                 if fish.change(k):
                     fish.flow(water)
@@ -80,6 +81,5 @@ def _observe(state: State, goal: Vector | None) -> Floats:
 
 
 def _sample(state: State) -> tuple[float, ...]:
-    pairs = (state.left, state.right, state.phase)
-    angles = [math.atan2(sine, cosine) for cosine, sine in pairs]
+    angles = map(math.atan2, state.joints[1::2], state.joints[::2])
     return (*state.position, *state.orientation, *angles)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.envs.tasks import Task
-from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.arithmetic import Number
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -35,14 +36,17 @@ class Program:
         For how many steps of 0.01 s an action is held.
     observes_goal
         Whether it needs a task with a goal.
+    plan
+        The body plan of its robots.
     """
 
-    function: Callable[..., Vector]
+    function: Callable[..., tuple[Number, ...]]
     weights: Floats
     layout: NDArray[np.int64]
     scratch: int
     interval: int
     observes_goal: bool = False
+    plan: BodyPlan = AQUAFISH
 
 
 @dataclass(frozen=True, eq=False)

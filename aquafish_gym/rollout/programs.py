@@ -25,9 +25,9 @@ class ProgramAgent:
     program
         With the weights of B robots, or of one for all.
     fin_angles
-        (B, 3) where the fins are assumed to be at first, rad.
+        (B, F) where the fins are assumed to be at first, rad.
     servo_gain
-        (3,) or (B, 3) assumed gains of the servos.
+        (F,) or (B, F) assumed gains of the servos.
     dtype
         ``np.float32`` or ``np.float64``.
     """
@@ -43,19 +43,19 @@ class ProgramAgent:
         from aquafish_gym.rollout.program_kernel import compile_program
 
         robots = len(fin_angles)
-        self._run = compile_program(program.function)
+        self._run = compile_program(program.plan, program.function)
         self._weights = np.ascontiguousarray(program.weights, dtype).ravel()
         self._columns = program.weights.shape[1]
         self._layout = program.layout
         self._seconds = program.interval * TIMESTEP
         self._memory = np.zeros((robots, program.scratch), dtype)
-        self._gain = np.array(np.broadcast_to(servo_gain, (robots, 3)), dtype, order="C")
-        self._turns = np.zeros((robots, 3), dtype)
+        self._gain = np.array(np.broadcast_to(servo_gain, fin_angles.shape), dtype, order="C")
+        self._turns = np.zeros(fin_angles.shape, dtype)
         self.fin_angles = fin_angles
 
     @property
     def fin_angles(self) -> Floats:
-        """Where the fins are assumed to be, (B, 3) rad; set them where they are known."""
+        """Where the fins are assumed to be, (B, F) rad; set them where they are known."""
         return np.asarray(self._turns * TAU, np.float64)
 
     @fin_angles.setter
@@ -63,7 +63,7 @@ class ProgramAgent:
         self._turns[:] = angles / TAU
 
     def act(self, observations: Floats, time: float) -> Floats:
-        """Return actions (B, 3) in [-1, 1], which are then held for the program's interval.
+        """Return actions (B, F) in [-1, 1], which are then held for the program's interval.
 
         The memory is cleared at the ``time`` 0, s. ``observations`` are (B, 9) or, with the way to
         a goal, (B, 12).
@@ -86,9 +86,9 @@ class ProgramAgent:
 
 
 def act_alone(program: Program, robot: int, fin_angles: Floats, servo_gain: Floats) -> Act:
-    """Return the policy of one of a program's robots, which begins with assumed fin angles (3,).
+    """Return the policy of one of a program's robots, which begins with assumed fin angles (F,).
 
-    They are in rad; ``servo_gain`` (3,) are the assumed gains of the servos.
+    They are in rad; ``servo_gain`` (F,) are the assumed gains of the servos.
     """
     own = replace(program, weights=program.weights[:, [robot]])
     agent = ProgramAgent(own, fin_angles[None], servo_gain)

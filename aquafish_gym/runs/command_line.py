@@ -33,7 +33,8 @@ from aquafish_gym.damage.words import (
     forms_of,
 )
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.version import other_clone_here, version
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.interrupts import kept_interrupts
@@ -75,7 +76,7 @@ RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.
 _FIN_DAMAGE = (
-    f'FIN:{forms_of(BODY_WORDS)}, joined by ";", or none. FIN is {FINS[0]}, {FINS[1]} or {FINS[2]}.'
+    f'FIN:{forms_of(BODY_WORDS)}, joined by ";", or none. FIN is {", ".join(AQUAFISH.names)}.'
 )
 _ANY_DAMAGE = (
     f"{_FIN_DAMAGE} Or FIN:{forms_of(SERVO_WORDS)}, of its servo; gyro:{forms_of(NOISE_WORDS)}; "

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.core.checks import finite, instance
 from eea.core.result import Result
@@ -192,8 +193,8 @@ def what_broke(result: Result) -> str:
     whole = Morphology.nominal().to_array()
     low, high = result.interval(DIFFERENCE_MASS)
     unknown = high - low > WIDEST_STATED_INTERVAL * whole
-    for fin, word in FIN_WORDS.items():
-        own = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
+    for fin, word in AQUAFISH.words.items():
+        own = [i for i, d in enumerate(AQUAFISH.dimensions) if d.fin == fin]
         if best.hypothesis.part == word and all(result.model[own] == 0.0):
             continue
         absent = f"the {word} is absent"
@@ -202,7 +203,7 @@ def what_broke(result: Result) -> str:
             continue
         shares = [_share(i, whole, low, high, result.model) for i in own]
         faults += [
-            Fault(fin, DIMENSIONS[i].size, share)
+            Fault(fin, AQUAFISH.dimensions[i].size, share)
             for i, share in zip(own, shares, strict=True)
             if share is not None
         ]

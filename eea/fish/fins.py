@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
@@ -60,8 +60,8 @@ def fins_after(result: Result) -> Fins:
     best = belief.branches[0]
     theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))
     values = best.parameters.values(best.parameters.local(theta)[:, -1])
-    angles = np.stack([values[fin] for fin in FINS], axis=1)
-    gains = np.stack([values[SERVO_GAIN] * values[SERVO[fin]] for fin in FINS], axis=1)
+    angles = np.stack([values[fin] for fin in AQUAFISH.names], axis=1)
+    gains = np.stack([values[SERVO_GAIN] * values[SERVO[fin]] for fin in AQUAFISH.names], axis=1)
     turning = result.config.steps * TIMESTEP - values[LAG][:, None]
     command = np.array(result.rounds[-1].command)
     waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)

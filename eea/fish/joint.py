@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
-from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
@@ -40,7 +40,7 @@ HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
 LOUDEST_NOISE = 0.3
 HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
 
-SIZE_NAMES = tuple(d.name for d in DIMENSIONS)
+SIZE_NAMES = tuple(d.name for d in AQUAFISH.dimensions)
 CURRENT = tuple(f"current {axis}" for axis in "xyz")
 DRAG = tuple(f"drag of the {what}" for what in ("fins", "body"))
 SERVO_GAIN = "servo gain"
@@ -50,8 +50,8 @@ START_VELOCITY = tuple(f"start velocity {axis}" for axis in "xyz")
 START_SPIN = tuple(f"start spin {axis}" for axis in "xyz")
 
 #: The sizes, which are sought, and the angles at the start of each trial.
-SIZES = {d.name: Number(0.0, d.maximum) for d in DIMENSIONS}
-ANGLES = {fin: Number.angle() for fin in FINS}
+SIZES = {d.name: Number(0.0, d.maximum) for d in AQUAFISH.dimensions}
+ANGLES = {fin: Number.angle() for fin in AQUAFISH.names}
 # The priors' widths are typical of a laboratory's robot; the ranges are beyond what is plausible.
 CURRENTS = {n: Number(-0.5, 0.5, mean=0.0, sd=0.15, group="current") for n in CURRENT}
 NUISANCES: dict[str, Number] = {
@@ -135,7 +135,7 @@ def fish_signal(
         **material.fields(_columns(values, SIZE_NAMES), _columns(values, DRAG)),
         "servo_gain": gain * _columns(values, SERVO.values()),
         "servo_lag": values[LAG],
-        "fin_angles": _columns(values, FINS),
+        "fin_angles": _columns(values, AQUAFISH.names),
     }
     if windows is not None and windows.begun:
         fields["velocity"] = _columns(values, START_VELOCITY)
@@ -266,11 +266,11 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
         hypotheses=HYPOTHESES,
         parts={
             word: Part(
-                {d.name: d.size for d in DIMENSIONS if d.fin == fin},
+                {d.name: d.size for d in AQUAFISH.dimensions if d.fin == fin},
                 (f"{fin}.length", f"{fin}.width"),
                 f"move the {word} faster to find out",
             )
-            for fin, word in FIN_WORDS.items()
+            for fin, word in AQUAFISH.words.items()
         },
         nominal=AS_COMMANDED,
         discrepancy=_discrepancy(simulator, windows),

@@ -9,7 +9,8 @@ from typing import NamedTuple, Unpack
 import numpy as np
 from scipy.special import chdtrc
 
-from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     callback,
@@ -51,8 +52,8 @@ UNCHANGED = Hypothesis("nothing has changed")
 
 def fin_changes(fin: str) -> list[Hypothesis]:
     """Return the possible changes of a fin, all equally probable."""
-    sizes = {d.name: ANYWHERE for d in DIMENSIONS if d.fin == fin}
-    word = FIN_WORDS[fin]
+    sizes = {d.name: ANYWHERE for d in AQUAFISH.dimensions if d.fin == fin}
+    word = AQUAFISH.words[fin]
     changes = [
         Hypothesis(f"the {word} has other sizes", moves=sizes, part=word),
         replace(fault_hypothesis(fin, "weak"), name=f"the {SERVO[fin]} has another speed"),
@@ -62,7 +63,7 @@ def fin_changes(fin: str) -> list[Hypothesis]:
     return [replace(change, odds=odds) for change in changes]
 
 
-CHANGES = tuple(change for fin in FINS for change in fin_changes(fin))
+CHANGES = tuple(change for fin in AQUAFISH.names for change in fin_changes(fin))
 
 
 def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None = None) -> Answer:
@@ -94,7 +95,7 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     robot = fish_robot(EngineSimulator(1))
     for name in () if nuisances is None else sequence("nuisances", nuisances):
         choice("nuisances", name, robot.groups)
-    names = [d.name for d in DIMENSIONS]
+    names = [d.name for d in AQUAFISH.dimensions]
     known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))
     robot = replace(robot, nominal=known, hypotheses=())
     parameters = Unknowns.of(robot, 1, robot.groups if nuisances is None else nuisances)

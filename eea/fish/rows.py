@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
@@ -223,7 +223,7 @@ def held(
     turned = np.zeros(commands.shape)
     turned[1:] = np.cumsum(commands[:-1] * np.diff(time)[:, None], axis=0)
     passed = np.stack([np.interp(edges, time, axis) for axis in turned.T], axis=1)
-    mean = np.clip(np.diff(passed, axis=0) / TIMESTEP, COMMAND_LOW, COMMAND_HIGH)
+    mean = np.clip(np.diff(passed, axis=0) / TIMESTEP, AQUAFISH.command_low, AQUAFISH.command_high)
     jump = np.diff(commands, axis=0, prepend=commands[:1])
     changes = np.cumsum((jump != 0.0).any(axis=1))
     steady = changes[at[:-1]] == changes[until[1:]]

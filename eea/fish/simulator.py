@@ -8,11 +8,10 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.plans import AQUAFISH
 from eea.core.checks import instance, whole
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
@@ -22,9 +21,13 @@ from eea.fish.swim_log import FASTEST_SPIN
 
 def fish_problem() -> Problem:
     """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
-    models = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
-    bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
-    return Problem(models, action_layout(bounds), hidden=FINS, axes=3, fastest=FASTEST_SPIN)
+    models = model_layout((d.name, d.maximum, d.bits) for d in AQUAFISH.dimensions)
+    bounds = zip(
+        AQUAFISH.names, AQUAFISH.command_low.tolist(), AQUAFISH.command_high.tolist(), strict=True
+    )
+    return Problem(
+        models, action_layout(bounds), hidden=AQUAFISH.names, axes=3, fastest=FASTEST_SPIN
+    )
 
 
 class SimulatorOptions(TypedDict, total=False):

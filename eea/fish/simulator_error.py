@@ -45,8 +45,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc
 
-from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
+from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.core.checks import (
     ConfigurationError,
@@ -70,7 +70,7 @@ ACTIVE_BOUND_DISTANCE = 1e-9  # share of a range
 CONTRADICTED_P = 0.05  # the chance of as large a contradiction where the assumptions hold
 LEAST_INFORMATION = 1e-6  # in 1 / prior variance: a direction of less is not tested
 MATERIAL_CHANGE = 0.1  # of each, to find the difference that it makes
-_PLACES = {d.name: i for i, d in enumerate(DIMENSIONS)}
+_PLACES = {d.name: i for i, d in enumerate(AQUAFISH.dimensions)}
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,9 @@ class Material:
     def fields(self, bodies: Floats, drag: Floats) -> dict[str, Floats]:
         """Return a scenario's fields of bodies (B, 9) with the factors ``drag`` (B, 2)."""
         bodies = bodies.copy()
-        density = np.full((len(bodies), len(FINS)), self.density)
+        density = np.full((len(bodies), len(AQUAFISH.names)), self.density)
         if self.friction != 1.0:
-            for i, fin in enumerate(FINS):
+            for i, fin in enumerate(AQUAFISH.names):
                 width, length, thickness = (
                     _PLACES[f"{fin}.{size}"] for size in ("width", "length", "thickness")
                 )

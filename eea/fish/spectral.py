@@ -20,6 +20,7 @@ from aquafish_gym.engines.compiled.spectrum import (
     pack_spectra,
     spectral_distances,
 )
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
 from eea.core.behavior import DEGREES, Coefficients
@@ -52,4 +53,4 @@ class SpectralComparer(NamedTuple):
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
         scenario = Scenario.create(trials.models, fin_angles=trials.angles, current=self.current)
         lanes = LaneBatch(scenario, getattr(np, self.dtype), self.substeps, self.threads)
-        return lanes.spectra(check_commands(trials.commands), self.steps, DEGREES)
+        return lanes.spectra(check_commands(AQUAFISH, trials.commands), self.steps, DEGREES)

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
+from aquafish_gym.command import check_commands
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.storage import DamagedFileError, write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -45,7 +46,7 @@ from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
 
 GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
-LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # columns of the file; "trial" may follow
+LOG_COLUMNS = ("time", *GYRO_COLUMNS, *AQUAFISH.names)  # columns of the file; "trial" may follow
 TRIAL_COLUMN = "trial"
 FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned faster than 4.3
 #: s between two rows of a trial. Rows only need to outnumber the unknowns. An environment's action
@@ -53,13 +54,13 @@ FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned 
 LONGEST_GAP_SECONDS = 0.25
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
 TIME_NAMES = {tick: unit for unit, tick in TICKS.items()}
-SERVO_UNITS = dict(zip(SERVOS, ("rev/s", "rev/s", "Hz"), strict=True))
+SERVO_UNITS = dict(zip(AQUAFISH.names, ("rev/s", "rev/s", "Hz"), strict=True))
 #: What a log must have. A flipper's servo turns in rev/s, and the tail's command is in Hz.
 QUANTITIES = {
     "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
     **{
         servo: Quantity((servo,), {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN})
-        for servo in SERVOS
+        for servo in AQUAFISH.names
     },
     TRIAL_COLUMN: Quantity(
         (TRIAL_COLUMN,), {}, optional=True, with_sensor=True, advice=": number the trials"
@@ -104,7 +105,7 @@ class SwimLog:
         if not len(time):
             raise InvalidArgumentError("time must have at least one row; it has none")
         gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO_COLUMNS)
-        commands = _rows("commands", self.commands, (len(time), 3), SERVOS)
+        commands = _rows("commands", self.commands, (len(time), 3), AQUAFISH.names)
         unnumbered = isinstance(self.trial, np.ndarray) and not self.trial.size
         given = np.ones(len(time)) if unnumbered else self.trial
         numbers = _rows(TRIAL_COLUMN, given, (len(time),), (TRIAL_COLUMN,))
@@ -125,7 +126,7 @@ class SwimLog:
             _check_time(time, rows, self.name(index))
         _refuse(np.abs(gyro) > FASTEST_SPIN, gyro, GYRO_COLUMNS, rates)
         for name, command, low, high in zip(
-            SERVOS, commands.T, COMMAND_LOW, COMMAND_HIGH, strict=True
+            AQUAFISH.names, commands.T, AQUAFISH.command_low, AQUAFISH.command_high, strict=True
         ):
             wanted = f"in [{low:g}, {high:g}] {SERVO_UNITS[name]}"
             _refuse((command < low) | (command > high), command, (name,), wanted)
@@ -162,7 +163,7 @@ class SwimLog:
         parts: list[list[NDArray[Any]]] = []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
-            each = check_commands(command, f"commands of trial {number}")
+            each = check_commands(AQUAFISH, command, f"commands of trial {number}")
             if len(each) not in (1, len(samples)):
                 raise InvalidArgumentError(
                     f"commands of trial {number} must be one, or one for each of its "
@@ -253,8 +254,8 @@ def new_readings(log: SwimLog, index: int) -> NDArray[np.intp]:
         last = int(np.argmax(gaps))
         raise InvalidArgumentError(
             f"row {new[last] + 2}: {', '.join(GYRO_COLUMNS)} must be new readings while "
-            f"{', '.join(SERVOS)} move; they repeat the row before for {shown(gaps[last])} s: "
-            "leave those rows out and make what follows another trial"
+            f"{', '.join(AQUAFISH.names)} move; they repeat the row before for "
+            f"{shown(gaps[last])} s: leave those rows out and make what follows another trial"
         )
     return new
 
@@ -343,7 +344,7 @@ def read_log(
             raise InvalidArgumentError(
                 "between must be None where the log has several trials; leave rows out instead"
             )
-        commands = np.hstack([values[servo] for servo in SERVOS])
+        commands = np.hstack([values[servo] for servo in AQUAFISH.names])
         trial = values.get(TRIAL_COLUMN, np.ones((len(found.time), 1)))[:, 0]
         remarks = (*recording.remarks, *found.remarks)
         return SwimLog(found.time, values["gyro"], commands, trial, remarks)
@@ -383,7 +384,9 @@ def suggested_map(recording: Recording, path: str | os.PathLike[str]) -> list[st
     if clock is not None and not stream.clocks:
         unit = "" if clock[0] in stream.units else f":{TIME_NAMES[clock[1]]}"
         time = shlex.quote(f"time{unit}={clock[0]}") + " "
-    return [f"{command} --map {time}{gyro} {' '.join(f'{servo}=COLUMN' for servo in SERVOS)}"]
+    return [
+        f"{command} --map {time}{gyro} {' '.join(f'{servo}=COLUMN' for servo in AQUAFISH.names)}"
+    ]
 
 
 def in_fish_axes(gyro: Gyroscope) -> str:

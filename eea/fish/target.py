@@ -15,6 +15,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
@@ -125,7 +126,7 @@ class EngineTarget:
         # In double precision, also in the compiled engine: the target stands for a real robot.
         return simulate_scenario(
             replace(self._scenario, fin_angles=angles[None]),
-            check_commands(command),
+            check_commands(AQUAFISH, command),
             self._steps,
             self.engine,
             "float64",

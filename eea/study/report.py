@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
@@ -169,7 +169,7 @@ def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
     return [
         "## The inferred angles",
         text,
-        markdown_table([["condition", *map(spoken, FINS)], *rows]),
+        markdown_table([["condition", *map(spoken, AQUAFISH.names)], *rows]),
     ]
 
 

@@ -17,7 +17,8 @@ import numpy as np
 import pandas as pd
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.utils.storage import DamagedFileError, read_bytes
 from eea.core.angles import Floats
@@ -30,14 +31,14 @@ from eea.study.study import read_description, replicate_keys, targets_of
 
 RESULTS_FILE = "results.csv"
 MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv, two million rounds
-LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
+LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in AQUAFISH.dimensions)
 
 REPLICATE_KEYS = ["arm", "steps", "seed"]
-ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
+ANGLE_ERRORS = [f"angle_error.{fin}" for fin in AQUAFISH.names]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
 _NUMBERS = ("round", "objective_fitness", "model_fitness", "action_fitness", "trials")
-_LISTS = {"angle_error": len(FINS), "dimension_error": len(LAYOUT), "spread": len(LAYOUT)}
+_LISTS = {"angle_error": len(AQUAFISH.names), "dimension_error": len(LAYOUT), "spread": len(LAYOUT)}
 RESULT_COLUMNS = [
     *REPLICATE_KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
     *ANGLE_ERRORS, *DIMENSION_ERRORS,
@@ -139,7 +140,7 @@ def _in_words(body: Morphology, damages: Sequence[Damage], gap: RealityGap) -> s
     """Return a sentence about the target."""
     changed = [
         f"{spoken(dimension.name)} {size:g}"
-        for dimension, size in zip(DIMENSIONS, body.to_array().tolist(), strict=True)
+        for dimension, size in zip(AQUAFISH.dimensions, body.to_array().tolist(), strict=True)
         if size != dimension.nominal
     ]
     text = "The target has the nominal body"

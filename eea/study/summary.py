@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
 from eea.study.arms import comparisons
@@ -36,7 +36,7 @@ def summarize_study(results: StudyResults) -> dict[str, Any]:
         "angle_error": {
             arm: {}
             if results.plan[arm].is_method
-            else _summaries(results, arm, dict(zip(FINS, ANGLE_ERRORS, strict=True)))
+            else _summaries(results, arm, dict(zip(AQUAFISH.names, ANGLE_ERRORS, strict=True)))
             for arm in results.arms
         },
     }

@@ -26,7 +26,8 @@ from tyro.conf import arg
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online.gaits import load_library, read_library
-from aquafish_gym.command import COMMAND_HIGH, scale_action
+from aquafish_gym.command import scale_action
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.storage import write_document
@@ -93,7 +94,7 @@ def swim(agent: Agent, envs: Any, seed: int) -> tuple[Floats, Floats]:
     lost = np.zeros(envs.num_envs, bool)
     steps = round(SECONDS / DT)
     for step in transitions(envs, agent.act, observations):
-        usage += np.abs(scale_action(step.action)) / COMMAND_HIGH / steps
+        usage += np.abs(scale_action(AQUAFISH, step.action)) / AQUAFISH.command_high / steps
         lost |= step.terminated
     return np.where(lost, -np.inf, step.info["y_position"] / SECONDS), usage
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from aquafish_gym.envs.task import Memory
 from aquafish_gym.envs.tasks import Recover
-from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.arithmetic import Number, Vector, where_less
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.array_types import Triple
 
@@ -36,7 +36,7 @@ def _onset(rng: np.random.Generator, latest: float = ONSETS[1]) -> float:
 
 
 def _fins(rng: np.random.Generator) -> list[str]:
-    return [str(fin) for fin in rng.permutation(FINS)]
+    return [str(fin) for fin in rng.permutation(AQUAFISH.names)]
 
 
 def _number(rng: np.random.Generator, low: float, high: float) -> float:
@@ -52,7 +52,7 @@ def _smaller(rng: np.random.Generator) -> str:
 def three_faults(rng: np.random.Generator) -> str:
     """Return a fault of each fin, all at once."""
     onset = _onset(rng)
-    return "; ".join(f"{fin}:{_smaller(rng)}@{onset}" for fin in FINS)
+    return "; ".join(f"{fin}:{_smaller(rng)}@{onset}" for fin in AQUAFISH.names)
 
 
 def four_faults(rng: np.random.Generator) -> str:
@@ -71,7 +71,7 @@ def thickness(rng: np.random.Generator) -> str:
     The caudal fin is nearly as thick as a fin can be.
     """
     onset = _onset(rng)
-    one, other = rng.permutation(FINS[:2])
+    one, other = rng.permutation(AQUAFISH.names[:2])
     thinner = rng.choice([other, "caudal"])
     thin, thick = _number(rng, 0.1, 0.3), _number(rng, 2.0, 4.0)
     return f"{thinner}:thickness={thin}@{onset}; {one}:thickness={thick}@{onset}"
@@ -96,7 +96,7 @@ def two_channels(rng: np.random.Generator) -> str:
 def growing(rng: np.random.Generator) -> str:
     """Return a fin that loses a share five times, 3 s apart."""
     onset = _onset(rng, 25.0)
-    fin = rng.choice(FINS)
+    fin = rng.choice(AQUAFISH.names)
     word = rng.choice(["length", "width", "weak"])
     share = _number(rng, 0.8, 0.9)
     return "; ".join(f"{fin}:{word}={share}@{round(onset + 3.0 * k, 1)}" for k in range(5))
@@ -105,7 +105,7 @@ def growing(rng: np.random.Generator) -> str:
 def intermittent(rng: np.random.Generator) -> str:
     """Return a servo that fails for 3 s, five times, 6 s apart."""
     onset = _onset(rng, 25.0)
-    fin = rng.choice(FINS)
+    fin = rng.choice(AQUAFISH.names)
     word = rng.choice(["seized", "reversed", "weak=0.3"])
     return "; ".join(f"{fin}:{word}@{round(onset + 6.0 * k, 1)}+3" for k in range(5))
 

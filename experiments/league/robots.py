@@ -17,7 +17,8 @@ from aquafish.online.self_model import imu_readings
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from experiments.league.policy import DT, INTERVAL, begin_inputs, drive
 from gait.learning.sb3_env import SB3VecEnv
@@ -196,7 +197,7 @@ class TrainingRobots(SB3VecEnv):
         What broke are the sizes relative to the nominal ones, and the servo gains, less 1.
         """
         states = self._robots.states
-        self._true.fin_angles = angles_of_rows(states).T
+        self._true.fin_angles = layout(AQUAFISH).angles(states).T
         now = self._robots._robots.now
         broken = np.hstack([now.body / NOMINAL - 1.0, now.servo_gain - 1.0])
         seen = self._true.observe(imu_readings(states))

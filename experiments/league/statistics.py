@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
 from experiments.league.policy import DT
@@ -99,7 +99,10 @@ def recognition(results: Sequence[Result]) -> dict[str, Any]:
     found["right"] = sum(right)
     found["at_once"] = sum(r and count <= 1 for r, count in zip(right, alarms, strict=True))
     found["named_fins"] = sum(
-        any(event[1] == "inferred" and any(fin in event[2] for fin in FINS) for event in some)
+        any(
+            event[1] == "inferred" and any(fin in event[2] for fin in AQUAFISH.names)
+            for event in some
+        )
         for some in events
     )
     found["unknown"] = sum(any(event[1] == "unknown" for event in some) for some in events)

@@ -14,11 +14,12 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, Literal, get_args
 
-from aquafish_gym.engines.compiled.single import CURRENT_ENTRIES, ROBOT_ENTRIES, CompiledWorld
+from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import drive, has_diverged
-from aquafish_gym.physics.layout import STATE_NUMBERS, fetch_robot, put_state, state_from_numbers
+from aquafish_gym.physics.kinematics import Numbers, has_diverged
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import robot_of, state_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 
@@ -63,7 +64,7 @@ class Vortices(CompiledWorld):
     def set_current(self, current: Triple) -> None:
         self._mean = current
 
-    def _swim(self, command: Vector, steps: int) -> None:
+    def _swim(self, command: Numbers, steps: int) -> None:
         x, y, z = self._mean
         for _ in range(steps):
             along_x, along_y = self.water(self.state().position)
@@ -85,8 +86,7 @@ def dynamics_with(friction: float) -> Any:
     The modules are loaded once more, apart from those that every other robot swims by.
     """
     law = _loaded_again("aquafish_gym.physics.hydrodynamics")
-    for name in ("SKIN_FRICTION", "_ROLL", "_MOUNT_FRICTION"):
-        setattr(law, name, friction * getattr(law, name))
+    law.SKIN_FRICTION *= friction
     dynamics = _loaded_again("aquafish_gym.physics.dynamics")
     for name in ("body_drag", "fin_drag"):
         setattr(dynamics, name, getattr(law, name))
@@ -117,20 +117,16 @@ class DenseWorld(CompiledWorld):
     def _update(self, scenario: Scenario) -> None:
         super()._update(replace(scenario, fin_density=self.fin_density * scenario.fin_density))
 
-    def _swim(self, command: Vector, steps: int) -> None:
-        left, right, caudal = command
-        a, b, c = self._gains
+    def _swim(self, command: Numbers, steps: int) -> None:
         h = TIMESTEP / self._substeps
-        by = drive((a * left, b * right, c * caudal), h)
-        numbers = self._numbers.tolist()
-        robot = fetch_robot(numbers, ROBOT_ENTRIES.start, 0, 1, 0.0)
-        x, y, z = numbers[CURRENT_ENTRIES]
-        state = state_from_numbers(numbers)
+        by = law(self._plan).driven(self._gains, command, h)
+        robot = robot_of(self._numbers[self._robot].tolist())
+        x, y, z = self._numbers[self._current].tolist()
+        state = self.state()
         step = dynamics_with(self.friction).step
         for _ in range(steps * self._substeps):
-            state = step(robot, state, by, (x, y, z), h)
-        put_state(numbers, 0, 1, state)
-        self._numbers[:STATE_NUMBERS] = numbers[:STATE_NUMBERS]
+            state = step(self._plan, robot, state, by, (x, y, z), h)
+        self._numbers[self._state] = state_numbers(state)
         self.diverged = has_diverged(state) > 0.0
 
 

@@ -20,16 +20,19 @@ from numpy.typing import NDArray
 
 from aquafish_gym.physics.added_mass import plate_inertia, plate_mass, trailing_edge
 from aquafish_gym.physics.arithmetic import Number
-from aquafish_gym.physics.compiling import compiled_function, register_module
-from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
-from aquafish_gym.physics.robot import NOSE, Fin
+from aquafish_gym.physics.compiling import compiled_function, register_functions, register_module
+from aquafish_gym.physics.hydrodynamics import fin_drag
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.robot import Fin
+from aquafish_gym.plans import AQUAFISH
 
 Array = NDArray[np.float64]
 
 FRAME = 1 / 30  # s, between the camera's frames
 STEPS = 3  # of the integration in a frame
 WATER = 1000.0  # kg/m^3; the physics has density 1
-CAPSULE_LENGTH = 2 * NOSE  # units
+CAPSULE_LENGTH = AQUAFISH.hull.length  # units
+_hull_drag = law(AQUAFISH).body_drag
 
 
 class Swimmer(NamedTuple):
@@ -124,7 +127,7 @@ def planar_step(fish: Swimmer, beat: Beat, state: Planar, h: Number) -> Planar:
 
     # The hull: the capsule's drag, and Kirchhoff's equations.
     unit = fish.hull_length / CAPSULE_LENGTH
-    hull, hull_torque = body_drag((-v / unit, u / unit, 0.0), (0.0, 0.0, r))
+    hull, hull_torque = _hull_drag((-v / unit, u / unit, 0.0), (0.0, 0.0, r))
     scale = WATER * unit * unit * unit * unit
     force_x += fish.hull_along * scale * hull[1] + fish.sway_mass * v * r
     force_y -= fish.hull_across * scale * hull[0] + u * r
@@ -190,6 +193,7 @@ def _swim(fish: Array, beats: Array, starts: Array, frames: NDArray[np.intp], po
 
 @functools.cache
 def _kernel() -> Any:
+    register_functions(_hull_drag)
     register_module(sys.modules[__name__])
     return compiled_function(_swim)
 

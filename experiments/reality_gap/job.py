@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym import Damage, Morphology, held_out
-from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.plans import AQUAFISH
 from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import Floats
 from eea.core.config import Condition, Config
@@ -181,8 +181,10 @@ def _judge(job: GapJob, belief: Answer) -> dict[str, Any]:
 
 def _true_hypotheses(job: GapJob) -> list[str]:
     """Return the names of the hypotheses that hold of a target; more than one may."""
-    sizes = dict(zip((d.name for d in DIMENSIONS), job.body.to_array().tolist(), strict=True))
-    missing = [f"{fin}.length" for fin in FINS if not any(getattr(job.body, fin))]
+    sizes = dict(
+        zip((d.name for d in AQUAFISH.dimensions), job.body.to_array().tolist(), strict=True)
+    )
+    missing = [f"{fin}.length" for fin in AQUAFISH.names if not any(getattr(job.body, fin))]
     true = [
         hypothesis.name
         for hypothesis in HYPOTHESES
@@ -205,7 +207,7 @@ def _swim(job: GapJob, controller: Controller) -> list[float]:
     settings = job.settings
     poses = random_poses(settings.poses, job.seed)
     for fault in job.seized.faults:
-        poses[:, FINS.index(fault.part)] = fault.number
+        poses[:, AQUAFISH.names.index(fault.part)] = fault.number
     scored = swims_on(controller, job.body, poses, engine, settings.gait.seconds, job.gap)
     distances = scored.random_distances
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from aquafish_gym import Damage
 from aquafish_gym.damage import Fault
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from eea.fish import RealityGap
 
 USUAL_NOISE = 0.01  # rad/s in each sample: what a cheap gyroscope has
@@ -64,7 +64,7 @@ WORLDS: dict[str, World] = {
     ),
     "seized": World(
         "one servo is stuck",
-        lambda d: {"servo_gain": tuple(0.0 if fin == d.seized else 1.0 for fin in FINS)},
+        lambda d: {"servo_gain": tuple(0.0 if fin == d.seized else 1.0 for fin in AQUAFISH.names)},
     ),
     "reactive": World("the water resists acceleration, too", lambda _: {"reactive": True}),
     "substeps-8": World("8 physics steps for each of the models'", lambda _: {"substeps": 8}),
@@ -86,7 +86,7 @@ def draw(seed: int) -> Drawn:
         float(gain),
         (float(current[0]), float(current[1]), float(current[2])),
         (float(bias[0]), float(bias[1]), float(bias[2])),
-        FINS[rng.integers(len(FINS))],
+        AQUAFISH.names[rng.integers(len(AQUAFISH.names))],
         float(rng.uniform(-np.pi, np.pi)),
     )
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout.plan import Act
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
 from aquafish_gym.utils.array_types import Floats, Observations
@@ -95,7 +95,7 @@ class ControllerAgent(NetworkAgent):
             controllers = check_controllers(controller)
         else:
             controllers = [instance("controller", controller, Controller)]
-        gain = finite_array("believed_gain", believed_gain, (len(FINS),))
+        gain = finite_array("believed_gain", believed_gain, (len(AQUAFISH.names),))
         super().__init__(program_of(controllers), gain)
         self.controller = controllers[0]
 
@@ -194,7 +194,7 @@ def make_policy(
 
         def act(observation: Floats, _time: float) -> Floats:
             actions = agent.act(observation[None].astype(np.float32))
-            return np.asarray(actions, np.float64).reshape(len(FINS))
+            return np.asarray(actions, np.float64).reshape(len(AQUAFISH.names))
 
     if not observe_fins:
         return act
@@ -204,7 +204,7 @@ def make_policy(
         nonlocal angles
         imu, goal = np.split(observation, [len(CHANNELS)])
         seen = np.concatenate([imu, *np.sin(angles), *np.cos(angles), goal])
-        action = finite_array("action", act(seen, time), (len(FINS),))
+        action = finite_array("action", act(seen, time), (len(AQUAFISH.names),))
         angles = reckoned(angles, action[None], interval * TIMESTEP, servo_gain)
         return action
 

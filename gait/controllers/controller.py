@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import Program
 from aquafish_gym.rollout.plan import Act
 from aquafish_gym.utils.storage import read_document, write_document
@@ -254,7 +255,7 @@ class Controller:
         action that it holds. Called late, it takes the intervals that were missed for ones of the
         action in force: its clock and fins go on by whole intervals.
         """
-        gains = finite_array("servo_gain", servo_gain, (len(FINS),))
+        gains = finite_array("servo_gain", servo_gain, (len(AQUAFISH.names),))
         return NetworkAgent(program_of([self]), gains).policy(fin_angles)
 
     def to_dict(self) -> dict[str, Any]:
@@ -291,7 +292,7 @@ class Controller:
         for name, expected in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(expected):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
-        body = check_fields("controller.morphology", fields["morphology"], FINS)
+        body = check_fields("controller.morphology", fields["morphology"], AQUAFISH.names)
         return cls(**{**fields, "morphology": Morphology.coerce(body)})
 
     def save(self, path: Path | str) -> None:

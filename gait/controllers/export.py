@@ -20,6 +20,7 @@ from aquafish_gym.bodies import MorphologiesLike, read_bodies
 from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
@@ -158,7 +159,7 @@ def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
     start = ["fin_angles", "servo_gain"] * senses.fins
     sizes = {"imu": 9, "goal": 3, "fin_angles": 3, "servo_gain": 3}
     rows = {"imu": "row", "goal": "row + 9" if senses.imu else "row"}
-    most = limits(observe_fins=False, has_goal=True)
+    most = limits(has_goal=True)
     unit, spin, way = most[[0, 6, 9]] * RANGE_TOLERANCE
     values = {
         "DESCRIPTION": repr(controller),
@@ -219,7 +220,7 @@ def make_vectors(
     """
     scale = np.repeat((0.6, 1.0, 10.0), (6, 3, 3))  # goals are units away
     felt = np.random.default_rng(seed).standard_normal((steps, 12)) * scale
-    most = limits(observe_fins=False, has_goal=True)
+    most = limits(has_goal=True)
     observations = np.clip(felt, -most, most).astype(np.float32)
     senses = controller.senses
     seen = observations[:, [*range(9 * senses.imu), *range(9, 9 + 3 * senses.goal)]]
@@ -237,7 +238,7 @@ def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArra
     pairs = zip(observations, times.tolist(), strict=True)
     actions = np.array([agent.act(seen[None], time)[0] for seen, time in pairs])
     left, right, caudal = actions.T
-    return np.stack(lane_servo_speeds((left, right, caudal)), axis=1)
+    return np.stack(lane_servo_speeds(AQUAFISH, (left, right, caudal)), axis=1)
 
 
 def _columns(senses: Senses) -> tuple[str, ...]:

@@ -14,21 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
-from aquafish_gym.code_generation import (
-    CHANNELS_WITH_GOAL,
-    robot_rows,
-    sense,
-    source,
-    start,
-    step,
-    step_reactive,
-    traced,
-)
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.code_generation import CHANNELS_WITH_GOAL, robot_code
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import FIELDS, ROBOT_ROWS, STATE_NUMBERS
+from aquafish_gym.physics.layout import FIELDS, layout
 from aquafish_gym.physics.printing import C99
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
 from gait.controllers.c_files import CFile, c_file_path, source_and_header, wrapped
@@ -101,11 +92,12 @@ def model_file(bodies: MorphologiesLike, path: Path | str, reactive: bool = Fals
 
 def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> tuple[str, str]:
     """Return the C file and header of bodies (M, 9); ``name`` begins the names of the functions."""
-    swim = step_reactive if reactive else step
-    operations = traced(swim).operations
-    numbers = len(traced(swim).lines)
+    code = robot_code(AQUAFISH)
+    swim = code.step_reactive if reactive else code.step
+    operations = code.traced(swim).operations
+    numbers = len(code.traced(swim).lines)
     counts = [f"{count} {_WORDS[operation]}" for operation, count in operations.most_common()]
-    functions = source(C99, robot_rows, start, swim, sense, prefix="NAME_")
+    functions = code.source(C99, code.robot_rows, code.start, swim, code.sense, prefix="NAME_")
     functions = functions.replace("NAME_step_reactive", "NAME_step")
     heads = re.findall(r"^void \w+\(.*\)$", functions, re.MULTILINE)
     values = {
@@ -115,10 +107,10 @@ def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) 
         "COUNTS": "\n * ".join(textwrap.wrap(", ".join(counts), 95)),
         "NUMBERS": numbers,
         "STACK": f"{8 * numbers / 1024:.0f}",
-        "STATE_BYTES": 8 * STATE_NUMBERS,
-        "ROBOT_BYTES": 8 * ROBOT_ROWS,
-        "STATE_NUMBERS": STATE_NUMBERS,
-        "ROBOT_NUMBERS": ROBOT_ROWS,
+        "STATE_BYTES": 8 * layout(AQUAFISH).state_numbers,
+        "ROBOT_BYTES": 8 * layout(AQUAFISH).robot_rows,
+        "STATE_NUMBERS": layout(AQUAFISH).state_numbers,
+        "ROBOT_NUMBERS": layout(AQUAFISH).robot_rows,
         "CHANNELS": CHANNELS_WITH_GOAL,
         "BODY_COUNT": len(bodies),
         "SIZES": "\n" + ",\n".join(f"    {{{wrapped(row)}}}" for row in bodies.tolist()) + "\n",
@@ -143,7 +135,9 @@ def model_vectors(
     body: NDArray[np.float64], count: int, reactive: bool = False, seed: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return random commands (K, 3) and what float64 lanes sense after each, (K, 12)."""
-    commands = np.random.default_rng(seed).uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3))
+    commands = np.random.default_rng(seed).uniform(
+        AQUAFISH.command_low, AQUAFISH.command_high, (count, 3)
+    )
     scenario = Scenario.create(
         Morphology.from_array(body),
         current=VECTOR_CURRENT,
@@ -153,11 +147,12 @@ def model_vectors(
         reactive=reactive,
     )
     lanes = LaneBatch(scenario, np.float64)
-    begin = [0.0] * STATE_NUMBERS
-    start(list(VECTOR_FIN_ANGLES), begin)
-    lanes.states[:STATE_NUMBERS, 0] = begin
+    begin = [0.0] * layout(AQUAFISH).state_numbers
+    code = robot_code(AQUAFISH)
+    code.start(list(VECTOR_FIN_ANGLES), begin)
+    lanes.states[: layout(AQUAFISH).state_numbers, 0] = begin
     log = lanes.log(commands[None], count * VECTOR_INTERVAL, "pose", VECTOR_INTERVAL)
-    states = np.zeros((count, STATE_NUMBERS))
+    states = np.zeros((count, layout(AQUAFISH).state_numbers))
     for field, samples in (
         ("orientation", log.quaternion),
         ("position", log.position),
@@ -167,5 +162,5 @@ def model_vectors(
         states[:, FIELDS[field]] = samples[0, VECTOR_INTERVAL - 1 :: VECTOR_INTERVAL]
     seen = [[0.0] * CHANNELS_WITH_GOAL for _ in range(count)]
     for state, row in zip(states.tolist(), seen, strict=True):
-        sense(state, list(VECTOR_GOAL), row)
+        code.sense(state, list(VECTOR_GOAL), row)
     return commands, np.array(seen)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU, Vector
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.array_types import Floats
 from gait.controllers.network import Senses, put_inputs
@@ -30,7 +31,7 @@ def reckoned(
     >>> (reckoned(np.zeros((1, 3)), [[1.0, -1.0, 0.0]], 0.2) / np.pi).round(3).tolist()
     [[0.2, -0.2, 0.2]]
     """
-    speeds = servo_speeds(_columns(np.clip(actions, -1.0, 1.0, dtype=np.float64)))
+    speeds = servo_speeds(AQUAFISH, _columns(np.clip(actions, -1.0, 1.0, dtype=np.float64)))
     left, right, caudal = (gain * speed for gain, speed in zip(servo_gain, speeds, strict=True))
     return np.array(reckon(_columns(fin_angles), (left, right, caudal), TAU * seconds)).T
 

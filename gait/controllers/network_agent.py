@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import Program
 from aquafish_gym.rollout.plan import PROGRAM_CHANNELS, Act
 from aquafish_gym.rollout.programs import ProgramAgent
@@ -67,7 +67,7 @@ class NetworkAgent:
             raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
         time = self._intervals * (self.interval * TIMESTEP)
         actions = self._act(rows, time).astype(np.float32)
-        return actions.reshape((*given.shape[:-1], len(FINS)))
+        return actions.reshape((*given.shape[:-1], len(AQUAFISH.names)))
 
     def _act(self, observations: Floats, time: float) -> Floats:
         """Return actions (B, 3) in double precision for what is observed at a time, s."""
@@ -75,7 +75,7 @@ class NetworkAgent:
         sensed[:, : len(CHANNELS)] = observations[:, : len(CHANNELS)]
         if self._program.observes_goal:
             sensed[:, len(CHANNELS) :] = observations[:, -3:]
-        sensed = valid_readings(sensed, limits(observe_fins=False, has_goal=True))
+        sensed = valid_readings(sensed, limits(has_goal=True))
         self._sensed = np.where(np.isnan(sensed), self._sensed, sensed)
         self._intervals += 1
         return self._robots.act(self._sensed, time)
@@ -91,11 +91,17 @@ class NetworkAgent:
 
         See :meth:`gait.Controller.policy`. It is the only user of this agent from then on.
         """
-        self.reset({"fin_angles": finite_array("fin_angles", fin_angles, (len(FINS),), unit="rad")})
+        self.reset(
+            {
+                "fin_angles": finite_array(
+                    "fin_angles", fin_angles, (len(AQUAFISH.names),), unit="rad"
+                )
+            }
+        )
         wanted = f"({self._needed} or more,)"
         half = TIMESTEP / 2
         begun = last = -math.inf
-        actions = np.zeros((1, len(FINS)))
+        actions = np.zeros((1, len(AQUAFISH.names)))
 
         def act(observation: ArrayLike, time: float) -> Floats:
             nonlocal begun, last, actions
@@ -142,4 +148,6 @@ def fin_angles_of(info: dict[str, Any]) -> Floats:
     """Return the fin angles (B, 3) in the ``info`` of a reset."""
     if "fin_angles" not in instance("info", info, dict):
         raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
-    return finite_array("fin_angles", info["fin_angles"], (None, len(FINS)), unit="rad", flat=True)
+    return finite_array(
+        "fin_angles", info["fin_angles"], (None, len(AQUAFISH.names)), unit="rad", flat=True
+    )

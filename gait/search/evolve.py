@@ -16,7 +16,8 @@ from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sampl
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import check_task, compiled_task
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import angles_of_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import (
@@ -280,7 +281,7 @@ class _Trials:
         # some of them good in the fixed swims only. NEAT has the poses of the paper.
         self._spread = config.plan.search == "cma"
         if start is not None:
-            self._final_poses = angles_of_rows(start)[None]
+            self._final_poses = layout(AQUAFISH).angles(start)[None]
             self._finals = every_pair(bodies, self._final_poses)
             return
         count = 1 + (FINAL_POSES if config.poses else 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquafish_gym.morphology import FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import integer
 from gait.controllers.controller import MAXIMUM_SEED
@@ -26,7 +26,7 @@ def stream(seed: int, *key: int) -> np.random.SeedSequence:
 def random_poses(count: int, seed: int | np.random.SeedSequence) -> Floats:
     """Return ``count`` random fin angles (count, 3), uniform over whole turns, in rad."""
     source = seed if isinstance(seed, np.random.SeedSequence) else stream(seed)
-    size = (integer("count", count, 0, MAXIMUM_POSES), len(FINS))
+    size = (integer("count", count, 0, MAXIMUM_POSES), len(AQUAFISH.names))
     return np.random.default_rng(source).uniform(-np.pi, np.pi, size)
 
 

@@ -20,8 +20,8 @@ from aquafish_gym.engines.packages import MAXIMUM_THREADS, check_engine
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import Task, check_task, compiled_task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.morphology import FINS
-from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -351,7 +351,7 @@ def by_kind(controllers: Sequence[Controller]) -> Iterator[tuple[list[int], list
 
 def check_state(start: ArrayLike) -> Floats:
     """Return a state (25,), in the order of ``aquafish_gym.physics.layout``."""
-    return finite_array("start", start, (STATE_ROWS,))
+    return finite_array("start", start, (layout(AQUAFISH).state_rows,))
 
 
 def pair_swims(bodies: Floats, poses: Floats) -> Swims:
@@ -363,12 +363,12 @@ def pair_swims(bodies: Floats, poses: Floats) -> Swims:
             f"got {len(bodies)} and {len(poses)}"
         )
     shape = (swims, bodies.shape[1])
-    return np.broadcast_to(bodies, shape), np.broadcast_to(poses, (swims, len(FINS)))
+    return np.broadcast_to(bodies, shape), np.broadcast_to(poses, (swims, len(AQUAFISH.names)))
 
 
 def _only_pose(start: Floats, poses: Floats) -> Floats:
     """Return the fin angles (1, 3) of a state (25,), from which ``poses`` must not differ."""
-    begun = angles_of_rows(start)[None]
+    begun = layout(AQUAFISH).angles(start)[None]
     if poses.any() and not (poses == begun).all():
         raise InvalidArgumentError(
             f"fin_angles must be those of start, in which all swims begin; got {brief(poses)}"
@@ -381,4 +381,4 @@ def _each_swim(name: str, values: ArrayLike, swims: int) -> Floats:
     table = finite_array(name, values, (None, 3), flat=name == "believed_gain")
     if len(table) not in (1, swims):
         raise InvalidArgumentError(f"{name} must be one for all swims or {swims}; got {len(table)}")
-    return np.broadcast_to(table, (swims, len(FINS)))
+    return np.broadcast_to(table, (swims, len(AQUAFISH.names)))

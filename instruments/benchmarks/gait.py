@@ -17,12 +17,12 @@ import gymnasium as gym
 import neat
 import numpy as np
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import install_advice
 from gait.controllers.agents import ControllerAgent
@@ -118,8 +118,8 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
     """
     network = neat.nn.FeedForwardNetwork.create(genome, load_config(LEAST_POPULATION))
     matrix = load_pybullet().getMatrixFromQuaternion
-    middle = ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist()
-    reach = ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist()
+    middle = ((AQUAFISH.command_low + AQUAFISH.command_high) / 2).tolist()
+    reach = ((AQUAFISH.command_high - AQUAFISH.command_low) / 2).tolist()
     world.start(Scenario.create(body))
     for t in range(0, steps, INTERVAL):
         m = matrix(world.orientation)

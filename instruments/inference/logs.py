@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym import simulate
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from eea import SwimLog, infer_log
 from instruments.inference.robots import SPANS, Floats
 
@@ -28,7 +28,7 @@ SLOWEST_TAIL = 0.2  # Hz, so that each log tells something of each fin
 def measure_log(number: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what one log tells of its body."""
     rate = RATES[number % len(RATES)]
-    shares = rng.uniform(0.5, 1.0, len(DIMENSIONS))
+    shares = rng.uniform(0.5, 1.0, len(AQUAFISH.dimensions))
     body = Morphology.from_array(shares * Morphology.nominal().to_array())
     log = recorded(rate, body, rng)
     began = time.process_time()
@@ -49,16 +49,18 @@ def measure_log(number: int, rng: np.random.Generator) -> dict[str, Any]:
 def recorded(rate: str, body: Morphology, rng: np.random.Generator) -> SwimLog:
     """Return the log of a swim of random commands, which begins after the first of them."""
     steps = round(SECONDS / TIMESTEP)
-    lowest = np.append(COMMAND_LOW[:2], SLOWEST_TAIL)
+    lowest = np.append(AQUAFISH.command_low[:2], SLOWEST_TAIL)
     changes = np.cumsum(rng.uniform(*HELD, round(SECONDS / HELD[0])))
-    commands = rng.uniform(lowest, COMMAND_HIGH, (len(changes) + 1, 3))
+    commands = rng.uniform(lowest, AQUAFISH.command_high, (len(changes) + 1, 3))
     # A step in which a command changes has the mean.
     edges = TIMESTEP * np.arange(steps + 1)
     times = np.concatenate([[0.0], changes])
     turned = np.cumsum(commands[:-1] * np.diff(times)[:, None], axis=0)
     turned = np.concatenate([np.zeros((1, 3)), turned])
     passed = np.stack([np.interp(edges, times, axis) for axis in turned.T], axis=1)
-    series = np.clip(np.diff(passed, axis=0) / TIMESTEP, COMMAND_LOW, COMMAND_HIGH)
+    series = np.clip(
+        np.diff(passed, axis=0) / TIMESTEP, AQUAFISH.command_low, AQUAFISH.command_high
+    )
     angles = rng.uniform(-np.pi, np.pi, 3)
     swum = simulate(
         body, series[None], angles, steps, dtype="float64", record="gyro", interval=1, threads=1

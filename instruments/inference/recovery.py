@@ -16,7 +16,7 @@ from aquafish.online.recognition import recognise
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from eea import SwimLog, infer_changes, infer_log, known_body
 from eea.core.config import FitConfig
@@ -48,10 +48,10 @@ def measure_recovery(number: int, rng: np.random.Generator) -> dict[str, Any]:
     whole = Scenario.create(fin_angles=observed["fin_angles"])
     truth = damage.edit(Scenario.create())
     lanes = LaneBatch(whole, np.float64, threads=1)
-    for command in scale_action(actions[:onset]):
+    for command in scale_action(AQUAFISH, actions[:onset]):
         lanes.advance(command[None], HOLD)
     state = lanes.states[:, 0].astype(np.float64)
-    after = scale_action(actions[onset:])
+    after = scale_action(AQUAFISH, actions[onset:])
     log = SwimLog(
         np.round(DT * np.arange(ACTIONS + 1), 9),
         observed["gyro"][onset:],
@@ -69,7 +69,7 @@ def _draw(tier: str, rng: np.random.Generator) -> Damage:
     """Return a damage of fins alone: the gyroscope is the only sensor here."""
     while True:
         damage = Damage.parse(f"random:{tier}").sample(rng)
-        if all(fault.part in FINS for fault in damage.faults):
+        if all(fault.part in AQUAFISH.names for fault in damage.faults):
             # Dead in mid-swim is seized: the angle is random only from the start.
             return Damage.parse(str(damage).replace(":dead", ":seized"))
 
@@ -108,9 +108,9 @@ def _inferred(log: SwimLog, truth: Scenario, noise: float, known: bool) -> dict[
     best, table = belief.branches[0].hypothesis, belief.table()
     gains = [
         table[SERVO[fin]][0] if SERVO[fin] in table else best.fixed.get(SERVO[fin], 1.0)
-        for fin in FINS
+        for fin in AQUAFISH.names
     ]
-    named = [word in best.name for word in FIN_WORDS.values()] if known else None
+    named = [word in best.name for word in AQUAFISH.words.values()] if known else None
     return _judged(belief.model, np.array(gains), truth, seconds, named)
 
 
@@ -124,7 +124,7 @@ def _recognised(
     began = time.process_time()
     found = recognise([Scenario.create()], [state], observed, actions, sd, tolerance, HOLD)
     seconds = time.process_time() - began
-    named = [any(fin == fault.part for fault in found.damage) for fin in FINS]
+    named = [any(fin == fault.part for fault in found.damage) for fin in AQUAFISH.names]
     return _judged(found.robot.body[0], found.robot.servo_gain[0], truth, seconds, named)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.array_types import Triple
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
@@ -38,7 +38,7 @@ DEFECTS = {
 SCALE, TURN, COLOUR = 1.03, np.radians(3.0), 0.9
 SETTLE = 100  # samples after which coloured noise has forgotten its beginning
 
-SPANS = np.array([d.maximum for d in DIMENSIONS])
+SPANS = np.array([d.maximum for d in AQUAFISH.dimensions])
 
 
 #: The nuisances of an ordinary robot, by name.
@@ -48,11 +48,11 @@ ORDINARY_WORLD = {name: number.mean or 0.0 for name, number in NUMBERS.items()}
 
 def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats:
     """Return the sizes (9,) of a setting's robot, in units of 5 cm."""
-    shares = rng.uniform(0.0 if setting.bodies == "prior" else 0.1, 1.0, len(DIMENSIONS))
+    shares = rng.uniform(0.0 if setting.bodies == "prior" else 0.1, 1.0, len(AQUAFISH.dimensions))
     if setting.bodies == "edge":
-        size, value = (("length", 0.0), ("thickness", 1.0))[number // len(FINS) % 2]
-        fin = FINS[number % len(FINS)]
-        shares[[d.fin == fin and d.size == size for d in DIMENSIONS]] = value
+        size, value = (("length", 0.0), ("thickness", 1.0))[number // len(AQUAFISH.names) % 2]
+        fin = AQUAFISH.names[number % len(AQUAFISH.names)]
+        shares[[d.fin == fin and d.size == size for d in AQUAFISH.dimensions]] = value
     sizes: Floats = shares * SPANS
     return sizes
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from aquafish_gym.morphology import DIMENSIONS
+from aquafish_gym.plans import AQUAFISH
 from instruments.inference.calibration import coverage, rank_uniformity
 from instruments.inference.cases import DRAWS, MASSES, WORSE
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, Target
@@ -18,7 +18,7 @@ from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, Target
 Document = Mapping[str, Any]
 Part = dict[str, Any]
 
-NAMES = tuple(d.name for d in DIMENSIONS)
+NAMES = tuple(d.name for d in AQUAFISH.dimensions)
 TIMES = ("seconds", "p95")  # mean and 95% quantile, CPU s
 TOUCH = 1e-6  # of a range: an interval that ends so near a truth at a bound holds it
 
@@ -104,7 +104,7 @@ def share(held: Sequence[bool]) -> Part:
 def _width(documents: Sequence[Document]) -> float:
     """Return the median width of the widest intervals, as a share of the range."""
     ends = np.array([[d["low"][-1], d["high"][-1]] for d in documents])
-    return float(np.median(np.ptp(ends, axis=1) / [d.maximum for d in DIMENSIONS]))
+    return float(np.median(np.ptp(ends, axis=1) / [d.maximum for d in AQUAFISH.dimensions]))
 
 
 def _of_round(rounds: Sequence[Document]) -> Part:

@@ -12,8 +12,8 @@ from aquafish_gym import Damage, Morphology, held_out
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import CompiledWorld
-from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.windows import LAG_SAMPLES
@@ -68,7 +68,7 @@ def measure_swim(name: str, number: int, rng: np.random.Generator) -> dict[str, 
 
 def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what five seconds of a damaged fish's own gait tell of its body."""
-    shares = rng.uniform(0.5, 1.0, len(DIMENSIONS))
+    shares = rng.uniform(0.5, 1.0, len(AQUAFISH.dimensions))
     body = Morphology.from_array(shares * Morphology.nominal().to_array())
     gait = evolve_gait(
         body,
@@ -136,7 +136,9 @@ def _swim(
         if t % INTERVAL == 0:
             turned = rotation(world.state().orientation)
             seen = np.array([*turned[2], *turned[1], *felt[-1]])
-            left, right, caudal = scale_action(np.asarray(policy(seen, t * TIMESTEP))).tolist()
+            left, right, caudal = scale_action(
+                AQUAFISH, np.asarray(policy(seen, t * TIMESTEP))
+            ).tolist()
         world.advance((left, right, caudal))
         felt.append(np.array(world.state().spin) + rng.normal(0.0, NOISE, 3))
         told.append((left, right, caudal))

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification.harness import POSITION, QUATERNION, SPIN, march
 from instruments.verification.momentum import Momentum
 from instruments.verification.surface import Surface
@@ -46,7 +47,7 @@ def reference_path(
 
 def scheme_paths(trials: Trials, samples: int, h: float, backend: str = "float64") -> Array:
     """Return position, quaternion and spin (B, samples, 10) in the engines' scheme."""
-    states, paths = start_rows(trials.fin_angles), []
+    states, paths = layout(AQUAFISH).start(trials.fin_angles), []
     for _ in range(samples):
         states = march(
             backend, trials.morphologies, states, trials.commands, h, round(INTERVAL / h)

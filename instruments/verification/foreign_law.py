@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP
 from instruments.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
 from instruments.verification.mujoco_world import STEPS
@@ -52,7 +53,7 @@ def simulate_law(
     model.body_inertia[CAPSULE + 1 :] *= defects.fin_density
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
-    robot = robot_from_column(robot_parameters(np.asarray(body)[None])[:, 0])
+    robot = robot_of(layout(AQUAFISH).robots(np.asarray(body)[None])[:, 0].tolist())
     surface = Surface(robot, POINTS, defects.exponent, defects.friction)
     # The speed of a servo with time constant tau rises as 1 - exp(-t / tau).
     time = step * np.arange(steps * STEPS + 1)

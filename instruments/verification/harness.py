@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.compiled.lanes import lane_width, pack_rows
@@ -20,52 +19,75 @@ from aquafish_gym.physics import compiling, simd
 from aquafish_gym.physics.arithmetic import Vector, add
 from aquafish_gym.physics.dynamics import Water, forces, move, wrench
 from aquafish_gym.physics.hydrodynamics import fin_drag
-from aquafish_gym.physics.kinematics import State, drive
+from aquafish_gym.physics.kinematics import Drive, State, drive_like, state_like
+from aquafish_gym.physics.law import law
 from aquafish_gym.physics.layout import (
     FIELDS,
     FIN_ROWS,
-    STATE_ROWS,
-    fetch_fin,
-    fetch_robot,
-    fetch_state,
     fetch_vector,
-    put_state,
+    layout,
     put_vector,
-    robot_parameters,
+    robot_of,
 )
-from aquafish_gym.physics.robot import Robot
+from aquafish_gym.physics.printing import rows_reader, straight_line
+from aquafish_gym.physics.robot import Fin, robot_like
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.utils.validation import one_of
 
 Array = NDArray[np.float64]
 
 BACKENDS = ("floats", "numba", "float64", "float32")
-# Rows of a table of states, as ``layout.start_rows`` makes them.
-QUATERNION, POSITION, VELOCITY, SPIN, RATES = (
-    FIELDS[name] for name in ("orientation", "position", "velocity", "spin", "rates")
+# Rows of a table of states, as ``Layout.start`` makes them.
+QUATERNION, POSITION, VELOCITY, SPIN = (
+    FIELDS[name] for name in ("orientation", "position", "velocity", "spin")
 )
+_fetch_fin = rows_reader(Fin(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0))
 
 
-def _march(
-    parameters: Any, states: Any, commands: Any, current: Vector, push: Vector, h: float,
-    steps: int, wet: bool, group: int, groups: int, zero: Any,
-) -> None:  # fmt: skip
-    """Advance one group; runs as it stands on floats, and compiled."""
-    robot = fetch_robot(parameters, 0, group, groups, zero)
-    state = fetch_state(states, group, groups, zero)
-    none = (zero, zero, zero)
-    dry = Water((none, none), (none, none), (none, none), (none, none))
-    by = drive(fetch_vector(commands, 0, group, groups, zero), h)
-    for _ in range(steps):
-        water = forces(robot, state, current) if wet else dry
+@functools.cache
+def _pushed_step(plan: BodyPlan, wet: bool) -> Callable[..., State]:
+    """Return a step in which a force pushes the hull, with or without water."""
+    none = (0.0, 0.0, 0.0)
+    dry = Water(((none, none),) * len(plan.fins), (none, none))
+
+    def step(numbers: Any, state: State, by: Drive, current: Vector, push: Vector, h: Any) -> State:
+        robot = robot_of(numbers)
+        water = forces(plan, robot, state, current) if wet else dry
         force, torque = water.body
-        pushed = Water(water.left, water.right, water.caudal, (add(force, push), torque))
-        state = move(robot, state, by, pushed, h)
-    put_state(states, group, groups, state)
+        pushed = water._replace(body=(add(force, push), torque))
+        return move(plan, robot, state, by, pushed, h)
+
+    robot = (0.0,) * layout(plan).robot_rows
+    return straight_line(
+        "pushed_step", step, robot, state_like(plan), drive_like(plan), none, none, 0.0
+    )
+
+
+@functools.cache
+def _marcher(plan: BodyPlan, wet: bool) -> tuple[Callable[..., None], list[Callable[..., Any]]]:
+    """Return the function that advances one group, on floats or compiled, and what it calls."""
+    of, step = law(plan), _pushed_step(plan, wet)
+    fetch_robot, fetch_state, put_state = of.fetch_robot, of.fetch_state, of.put_state
+    fetch_fins, driven = of.fetch_fins, of.driven
+    whole = (1.0,) * len(plan.fins)
+
+    def march(
+        parameters: Any, states: Any, commands: Any, current: Vector, push: Vector, h: float,
+        steps: int, group: int, groups: int, zero: Any,
+    ) -> None:  # fmt: skip
+        robot = fetch_robot(parameters, 0, group, groups, zero)
+        state = fetch_state(states, 0, group, groups, zero)
+        by = driven(whole, fetch_fins(commands, 0, group, groups, zero), h)
+        for _ in range(steps):
+            state = step(robot, state, by, current, push, h)
+        put_state(states, 0, group, groups, state)
+
+    return march, [step, fetch_robot, fetch_state, put_state, fetch_fins, driven, march]
 
 
 def _drag(fins: Any, motion: Any, out: Any, group: int, groups: int, zero: Any) -> None:
     force, torque = fin_drag(
-        fetch_fin(fins, 0, group, groups, zero),
+        _fetch_fin(fins, 0, group, groups, zero),
         fetch_vector(motion, 0, group, groups, zero),
         fetch_vector(motion, 3, group, groups, zero),
     )
@@ -74,41 +96,53 @@ def _drag(fins: Any, motion: Any, out: Any, group: int, groups: int, zero: Any) 
 
 
 @functools.cache
-def _compile(function: Callable[..., None], width: int) -> Any:
+def _compiled_march(plan: BodyPlan, wet: bool, width: int) -> Any:
     """Return the loop over all groups, compiled; a width of 0 stands for plain numbers."""
     compiling.register()
-    register_jitable(function)
-    stamp = compiling.source_stamp(function)
+    function, called = _marcher(plan, wet)
+    compiling.register_functions(*called)
+    stamp = compiling.source_stamp(_compiled_march) + plan.to_json()
 
     def march(
         parameters: Any, states: Any, commands: Any, current: Vector, push: Vector, h: float,
-        steps: int, wet: bool, groups: int,
+        steps: int, groups: int,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  # part of the cache's key; see compiling.source_stamp
         for group in range(groups):
             zero = simd.zero_lanes(parameters, width) if width else 0.0
-            function(
-                parameters, states, commands, current, push, h, steps, wet, group, groups, zero
-            )
+            function(parameters, states, commands, current, push, h, steps, group, groups, zero)
+
+    return compiling.compiled(march)
+
+
+@functools.cache
+def _compiled_drag(width: int) -> Any:
+    """Return the drag of all groups, compiled; a width of 0 stands for plain numbers."""
+    compiling.register()
+    compiling.register_functions(_fetch_fin, _drag)
+    stamp = compiling.source_stamp(_drag)
 
     def drag(fins: Any, motion: Any, out: Any, groups: int) -> None:
         stamp  # noqa: B018
         for group in range(groups):
             zero = simd.zero_lanes(fins, width) if width else 0.0
-            function(fins, motion, out, group, groups, zero)
+            _drag(fins, motion, out, group, groups, zero)
 
-    return compiling.compiled(march if function is _march else drag)
+    return compiling.compiled(drag)
 
 
 @functools.cache
-def compiled_wrench() -> Any:
-    """Return ``dynamics.wrench`` compiled for one robot on plain floats."""
+def compiled_wrench(plan: BodyPlan = AQUAFISH) -> Any:
+    """Return the law's wrench compiled for one robot on plain floats: (robot, state, current)."""
     compiling.register()
-    stamp = compiling.source_stamp()
+    templates = robot_like(plan), state_like(plan), (0.0, 0.0, 0.0)
+    stated = straight_line("wrench", functools.partial(wrench, plan), *templates)
+    compiling.register_functions(stated)
+    stamp = compiling.source_stamp() + plan.to_json()
 
-    def call(robot: Robot, state: State, current: Vector) -> Any:
+    def call(robot: Any, state: State, current: Vector) -> Any:
         stamp  # noqa: B018  # part of the cache's key; see compiling.source_stamp
-        return wrench(robot, state, current)
+        return stated(robot, state, current)
 
     return compiling.compiled(call)
 
@@ -123,46 +157,51 @@ def march(
     current: Vector = (0.0, 0.0, 0.0),
     push: Vector = (0.0, 0.0, 0.0),
     wet: bool = True,
+    plan: BodyPlan = AQUAFISH,
 ) -> Array:
-    """Return the states (25, B) of B robots after some steps.
+    """Return the states (N, B) of B robots after some steps.
 
     Parameters
     ----------
     backend
         One of ``BACKENDS``.
     morphologies
-        (B, 9) sizes.
+        (B, S) sizes.
     states
-        (25, B) as ``layout.start_rows`` makes them; left as they are.
+        (N, B) as ``Layout.start`` makes them; left as they are.
     commands
-        (B, 3) rev/s, rev/s, Hz.
+        (B, F) rev/s or Hz.
     h, steps
         Length, s, and number of the steps.
     current
         The water's velocity in the world, units/s.
     push
-        A force on the capsule's centre, in body axes.
+        A force on the hull's centre, in body axes.
     wet
         False leaves the water out.
+    plan
+        Of all robots.
     """
     one_of("backend", backend, BACKENDS)
-    parameters, batch = robot_parameters(morphologies), len(morphologies)
+    tables = layout(plan)
+    parameters, batch = tables.robots(morphologies), len(morphologies)
     if backend == "floats":
+        one, _ = _marcher(plan, wet)
         rows = [[float(x) for x in column] for column in states.T]
         for b, row in enumerate(rows):
-            _march(
+            one(
                 [float(x) for x in parameters[:, b]], row, [float(x) for x in commands[b]],
-                current, push, h, steps, wet, 0, 1, 0.0,
+                current, push, h, steps, 0, 1, 0.0,
             )  # fmt: skip
         return np.array(rows).T
     dtype, width = _layout(backend)
     flat = pack_rows(states, dtype, width or 1)
-    groups = flat.size // (STATE_ROWS * (width or 1))
-    _compile(_march, width)(
+    groups = flat.size // (tables.state_rows * (width or 1))
+    _compiled_march(plan, wet, width)(
         pack_rows(parameters, dtype, width or 1), flat, pack_rows(commands.T, dtype, width or 1),
-        current, push, h, steps, wet, groups,
+        current, push, h, steps, groups,
     )  # fmt: skip
-    return flat.reshape(STATE_ROWS, -1)[:, :batch].astype(np.float64)
+    return flat.reshape(tables.state_rows, -1)[:, :batch].astype(np.float64)
 
 
 def drag(backend: str, fins: Array, motion: Array) -> Array:
@@ -188,7 +227,7 @@ def drag(backend: str, fins: Array, motion: Array) -> Array:
         return np.array(columns).T
     dtype, width = _layout(backend)
     flat = pack_rows(np.zeros((6, fins.shape[1])), dtype, width or 1)
-    _compile(_drag, width)(
+    _compiled_drag(width)(
         pack_rows(table, dtype, width or 1), pack_rows(motion, dtype, width or 1), flat,
         flat.size // (6 * (width or 1)),
     )  # fmt: skip

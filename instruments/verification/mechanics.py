@@ -12,19 +12,19 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification.convergence import attitude_gap
 from instruments.verification.harness import (
     POSITION,
     QUATERNION,
-    RATES,
     SPIN,
     VELOCITY,
     march,
 )
 from instruments.verification.momentum import Momentum, angular_momentum, total_momentum
 from instruments.verification.mujoco_robot import DryRobot
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.trials import Trials, random_trials
 
 Array = NDArray[np.float64]
@@ -45,11 +45,11 @@ def random_starts(count: int, seed: int) -> tuple[Trials, Array, Array]:
 
 def moving_rows(trials: Trials, velocity: Array, spin: Array) -> Array:
     """Return states (25, B), upright, whose servos already run."""
-    rows = start_rows(trials.fin_angles)
+    rows = layout(AQUAFISH).start(trials.fin_angles)
     rows[VELOCITY], rows[SPIN] = velocity.T, spin.T
     omega = 2 * np.pi * trials.commands
     omega[:, 2] *= SWEEP * np.cos(trials.fin_angles[:, 2])
-    rows[RATES] = omega.T
+    rows[layout(AQUAFISH).rates] = omega.T
     return rows
 
 

@@ -17,17 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import SWEEP, State
-from aquafish_gym.physics.layout import FIELDS, robot_from_column, robot_parameters
-from aquafish_gym.physics.robot import (
+from aquafish_gym.physics.kinematics import State
+from aquafish_gym.physics.layout import FIELDS, layout, robot_of
+from aquafish_gym.physics.robot import Robot
+from aquafish_gym.plans import AQUAFISH
+from instruments.verification.harness import compiled_wrench
+from instruments.verification.paper_robot import (
     BODY_INERTIA,
     BODY_MASS,
     CAUDAL_Y,
     PECTORAL_X,
     PECTORAL_Y,
-    Robot,
+    SWEEP,
 )
-from instruments.verification.harness import compiled_wrench
 from instruments.verification.rk4 import cross, integrate, quaternion_rate, rotation_matrix
 
 Array = NDArray[np.float64]
@@ -55,7 +57,7 @@ def inertia_and_swing(robot: Robot, angles: Array, rates: Array) -> tuple[Array,
     """
     mass, moment, inertia = BODY_MASS, np.zeros(3), np.diag(BODY_INERTIA).astype(np.float64)
     swing = np.zeros(6)
-    for i, fin in enumerate(robot[:3]):
+    for i, fin in enumerate(robot.fins):
         turn = about(AXES[i], angles[i])
         arm = turn @ np.array([0.0, -fin.length / 2, 0.0])
         at = HINGES[i] + arm
@@ -110,13 +112,16 @@ class Momentum:
     @classmethod
     def of(cls, morphology: Array, command: Array, fin_angles: Array, wet: bool = True) -> Momentum:
         """Make one from nine sizes in the order of ``DIMENSIONS``."""
-        robot = robot_from_column(robot_parameters(np.asarray(morphology)[None])[:, 0])
+        robot = robot_of(layout(AQUAFISH).robots(np.asarray(morphology)[None])[:, 0].tolist())
         return cls(robot, command, fin_angles, wet)
 
     def joints(self, t: float) -> tuple[Array, Array, float]:
         """Return the hinges' angles and rates, and the caudal phase."""
         left, right, phase = self.start + self.omega * t
-        tail, rate = SWEEP * math.sin(phase), SWEEP * self.omega[2] * math.cos(phase)
+        tail, rate = (
+            SWEEP * math.sin(phase),
+            SWEEP * self.omega[2] * math.cos(phase),
+        )
         return (
             np.array([left, right, tail]),
             np.array([self.omega[0], self.omega[1], rate]),
@@ -171,16 +176,15 @@ class Momentum:
         angles, rates, phase = self.joints(t)
         if self.surface is not None:
             return self.surface(rotation_matrix(q).T @ velocity, spin, angles, rates)
-        left, right, tail = ((math.cos(a), math.sin(a)) for a in (angles[0], angles[1], phase))
+        turned = (angles[0], angles[1], phase)
+        joints = tuple(of(angle) for angle in turned for of in (math.cos, math.sin))
         # Asked for a robot that is upright, whose body's axes are the world's.
         state = State(
             (0.0, 0.0, 0.0, 1.0),
             (0.0, 0.0, 0.0),
             _triple(rotation_matrix(q).T @ velocity),
             _triple(spin),
-            left,
-            right,
-            tail,
+            joints,
             _triple(rates),
         )
         force, torque = compiled_wrench()(self.robot, state, (0.0, 0.0, 0.0))
@@ -219,9 +223,15 @@ def kinetic_energy(morphology: Array, row: Array) -> float:
 
 
 def _resolve(morphology: Array, row: Array) -> tuple[Array, Array, Array, Array]:
-    robot = robot_from_column(robot_parameters(np.asarray(morphology)[None])[:, 0])
-    angles = np.array([math.atan2(row[14], row[13]), math.atan2(row[16], row[15]), SWEEP * row[18]])
-    inertia, swing = inertia_and_swing(robot, angles, row[FIELDS["rates"]])
+    robot = robot_of(layout(AQUAFISH).robots(np.asarray(morphology)[None])[:, 0].tolist())
+    angles = np.array(
+        [
+            math.atan2(row[14], row[13]),
+            math.atan2(row[16], row[15]),
+            SWEEP * row[18],
+        ]
+    )
+    inertia, swing = inertia_and_swing(robot, angles, row[layout(AQUAFISH).rates])
     r = rotation_matrix(row[FIELDS["orientation"]])
     return inertia, swing, np.concatenate([r.T @ row[FIELDS["velocity"]], row[FIELDS["spin"]]]), r
 

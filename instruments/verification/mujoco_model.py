@@ -16,24 +16,25 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.hydrodynamics import DENSITY
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
-from aquafish_gym.physics.robot import (
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.physics.robot import MOUNT_LENGTH
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    install_advice,
+)
+from instruments.verification.paper_robot import (
     BODY_INERTIA,
     BODY_MASS,
     CAUDAL_Y,
     CYLINDER,
-    MOUNT_LENGTH,
     MOUNT_WIDTH,
     MOUNT_X,
     PECTORAL_X,
     PECTORAL_Y,
     RADIUS,
-)
-from aquafish_gym.utils.validation import (
-    EngineUnavailableError,
-    InvalidArgumentError,
-    install_advice,
+    SWEEP,
 )
 
 BASE = 6  # degrees of freedom of the free base, before those of the three hinges
@@ -133,8 +134,8 @@ def mujoco_model(
         _add_capsule(mujoco, base)
         for x in (-MOUNT_X, MOUNT_X):
             _add_box(mujoco, base, (x, PECTORAL_Y, 0.0), (MOUNT_WIDTH, MOUNT_LENGTH, 0.0))
-    robot = robot_from_column(robot_parameters(sizes[None])[:, 0])
-    for (name, hinge, axis), fin in zip(_HINGES, robot[:3], strict=True):
+    robot = robot_of(layout(AQUAFISH).robots(sizes[None])[:, 0].tolist())
+    for (name, hinge, axis), fin in zip(_HINGES, robot.fins, strict=True):
         link = base.add_body(name=name, pos=hinge)
         hinges = mujoco.mjtJoint.mjJNT_HINGE
         link.add_joint(name=name, type=hinges, axis=axis, armature=_ARMATURE)

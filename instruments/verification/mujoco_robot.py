@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import MorphologyLike
-from aquafish_gym.physics.kinematics import SWEEP
 from instruments.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.rk4 import integrate, quaternion_rate
 
 Array = NDArray[np.float64]

@@ -126,10 +126,9 @@ class MujocoWorld(World):
         """Return the robot's state on plain floats."""
         x, y, z, qw, qx, qy, qz = self.data.qpos[: BASE + 1].tolist()
         vx, vy, vz, wx, wy, wz, *rates = self.data.qvel.tolist()
-        left, right, phase = at_rest(self.fin_angles)[4:7]
+        joints = at_rest(self.fin_angles).joints
         return State(
-            (qx, qy, qz, qw), (x, y, z), (vx, vy, vz), (wx, wy, wz), left, right, phase,
-            (rates[0], rates[1], rates[2]),
+            (qx, qy, qz, qw), (x, y, z), (vx, vy, vz), (wx, wy, wz), joints, tuple(rates)
         )  # fmt: skip
 
     @property

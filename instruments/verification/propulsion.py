@@ -15,16 +15,18 @@ from scipy.spatial.transform import Rotation
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.added_mass import (
     finite_span,
 )
 from aquafish_gym.physics.dynamics import forces, on_body
 from aquafish_gym.physics.hydrodynamics import DENSITY
-from aquafish_gym.physics.kinematics import SWEEP, State
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.kinematics import State
+from aquafish_gym.physics.layout import layout, robot_of
 from aquafish_gym.physics.reactive import added_water
-from aquafish_gym.physics.robot import CAUDAL_Y, NOSE, Fin, Robot
+from aquafish_gym.physics.robot import Fin, Robot
+from aquafish_gym.plans import AQUAFISH
+from instruments.verification.paper_robot import CAUDAL_Y, NOSE, SWEEP
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ BODY_LENGTH = 2 * NOSE
 def tail_body(thickness: float, pectorals: bool) -> Array:
     """Return nine sizes: the nominal body's but for the tail's thickness, or its tail alone."""
     sizes = Morphology.nominal().to_array()
-    for i, dimension in enumerate(DIMENSIONS):
+    for i, dimension in enumerate(AQUAFISH.dimensions):
         if dimension.fin != "caudal" and not pectorals:
             sizes[i] = 0.0
         elif dimension.name == "caudal.thickness":
@@ -74,12 +76,11 @@ def held_thrust(robot: Robot, frequency: float, points: int = 64) -> tuple[float
     for phase in 2 * math.pi * (np.arange(points) + 0.5) / points:
         c, s = math.cos(phase), math.sin(phase)
         rates = (0.0, 0.0, SWEEP * omega * c)
-        state = State(
-            (0.0, 0.0, 0.0, 1.0), still, still, still, (1.0, 0.0), (1.0, 0.0), (c, s), rates
-        )
+        joints = (1.0, 0.0, 1.0, 0.0, c, s)
+        state = State((0.0, 0.0, 0.0, 1.0), still, still, still, joints, rates)
         push = (0.0, 0.0, -SWEEP * omega**2 * s)
-        drag += on_body(state, forces(robot, state, still))[0][1] / points
-        reactive += added_water(robot, state, push, still).force[1] / points
+        drag += on_body(AQUAFISH, state, forces(AQUAFISH, robot, state, still))[0][1] / points
+        reactive += added_water(AQUAFISH, robot, state, push, still).force[1] / points
     return drag, reactive
 
 
@@ -87,9 +88,9 @@ def held_rows() -> list[dict[str, object]]:
     """Return each tail's mean thrust at 1 Hz on a body held still."""
     rows: list[dict[str, object]] = []
     for tail, thickness in TAILS.items():
-        robot = robot_from_column(robot_parameters(tail_body(thickness, False)[None])[:, 0])
+        robot = robot_of(layout(AQUAFISH).robots(tail_body(thickness, False)[None])[:, 0].tolist())
         drag, reactive = held_thrust(robot, 1.0)
-        closed = lighthill_thrust(robot.caudal, 1.0)
+        closed = lighthill_thrust(robot.fins[-1], 1.0)
         rows.append({"tail": tail, "drag": drag, "reactive": reactive, "lighthill": closed})
     return rows
 

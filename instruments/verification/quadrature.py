@@ -22,20 +22,21 @@ from aquafish_gym.physics.hydrodynamics import (
     SKIN_FRICTION,
     body_drag,
 )
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import angles_of_rows
-from aquafish_gym.physics.robot import (
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.physics.robot import MOUNT_LENGTH
+from aquafish_gym.plans import AQUAFISH
+from instruments.verification.harness import drag
+from instruments.verification.momentum import HINGES
+from instruments.verification.paper_robot import (
     CYLINDER,
-    MOUNT_LENGTH,
     MOUNT_WIDTH,
     MOUNT_X,
     NOSE,
     PECTORAL_Y,
     RADIUS,
     ROLL_AREA,
+    SWEEP,
 )
-from instruments.verification.harness import drag
-from instruments.verification.momentum import HINGES
 from instruments.verification.rk4 import rotation_matrix
 from instruments.verification.trials import Trials, lane_batch, random_trials
 
@@ -239,7 +240,9 @@ def body_reference(motion: Array, points: int = FINE) -> Array:
 def body_by_law(motion: Array) -> Array:
     """Return what ``hydrodynamics.body_drag`` says (6, B)."""
     columns = motion.T.tolist()
-    return np.array([np.concatenate(body_drag(tuple(m[:3]), tuple(m[3:]))) for m in columns]).T
+    return np.array(
+        [np.concatenate(body_drag(AQUAFISH, tuple(m[:3]), tuple(m[3:]))) for m in columns]
+    ).T
 
 
 OTHER_RULES: tuple[tuple[str, Callable[[int], Rule], int, int], ...] = (
@@ -285,7 +288,7 @@ def motions_met(trials: Trials, times: tuple[int, ...] = (50, 130, 210)) -> Met:
         turns = np.array([rotation_matrix(q) for q in np.transpose(now.orientation)])
         velocity = np.einsum("bji,jb->ib", turns, np.array(now.velocity))
         body = np.concatenate([velocity, now.spin])
-        left, _, phase = angles_of_rows(lanes.states)
+        left, _, phase = layout(AQUAFISH).angles(lanes.states)
         tail = SWEEP * np.sin(phase)
         rates = now.rates
         flippers.append(_in_fin_frame(body, HINGES[0], _SAME, left, rates[0]))

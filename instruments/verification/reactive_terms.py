@@ -8,13 +8,14 @@
 
 from __future__ import annotations
 
-from aquafish_gym.physics.added_mass import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
-)
-from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS
 from instruments.verification.convergence import INTERVAL
 from instruments.verification.lattice import PANELS, added_mass_rows
+from instruments.verification.paper_robot import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    BODY_INERTIA,
+    BODY_MASS,
+)
 from instruments.verification.propulsion import (
     FREQUENCIES,
     OFF_COURSE,

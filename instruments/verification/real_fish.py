@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from aquafish_gym.physics.kinematics import SWEEP
 from instruments.verification import fish_data
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.propulsion import BODY_LENGTH, tail_body
 from instruments.verification.tables import Report, Table
 from instruments.verification.tail_swims import SUBSTEPS, begun_swims, steady_swims, turns_per_beat

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.command import COMMAND_HIGH
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification.harness import drag
+from instruments.verification.paper_robot import SWEEP
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def flipper_stroke(speed: float, modulation: float = 0.0, points: int = 360) -> 
         Of the cycle, one more than evenly spaced in time.
     """
     width, length, thickness = Morphology.nominal().left_pectoral
-    omega = 2 * np.pi * float(COMMAND_HIGH[0])
+    omega = 2 * np.pi * float(AQUAFISH.command_high[0])
     cycle = np.linspace(0.0, 1.0, points + 1)
     # The time at an angle is d(angle) / rate; turned round on a fine grid.
     fine = np.linspace(0.0, 2 * np.pi, 20 * points + 1)
@@ -74,7 +74,7 @@ def rowing_stroke(speed: float) -> Stroke:
 def tail_stroke(speed: float, points: int = 360) -> Stroke:
     """Return a cycle of the nominal tail at its highest frequency; see :func:`flipper_stroke`."""
     thickness, length, width = Morphology.nominal().caudal
-    omega = 2 * np.pi * float(COMMAND_HIGH[2])
+    omega = 2 * np.pi * float(AQUAFISH.command_high[2])
     cycle = np.linspace(0.0, 1.0, points + 1)
     angle = SWEEP * np.sin(2 * np.pi * cycle)
     rate = SWEEP * omega * np.cos(2 * np.pi * cycle)

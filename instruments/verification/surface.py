@@ -20,16 +20,9 @@ from aquafish_gym.physics.hydrodynamics import (
     NORMAL_DRAG,
     SKIN_FRICTION,
 )
-from aquafish_gym.physics.robot import (
-    MOUNT_LENGTH,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    PECTORAL_Y,
-    RADIUS,
-    ROLL_AREA,
-    Robot,
-)
+from aquafish_gym.physics.robot import MOUNT_LENGTH, Robot
 from instruments.verification.momentum import AXES, HINGES, about
+from instruments.verification.paper_robot import MOUNT_WIDTH, MOUNT_X, PECTORAL_Y, RADIUS, ROLL_AREA
 from instruments.verification.quadrature import fine_strips, gauss_rule
 
 Array = NDArray[np.float64]
@@ -56,7 +49,7 @@ class Surface:
         self._power = exponent - 1.0
         self._friction = friction * SKIN_FRICTION
         self._fins = []
-        for i, fin in enumerate(robot[:3]):
+        for i, fin in enumerate(robot.fins):
             plates = [
                 _plate((fin.width, fin.length, fin.thickness), normal, points)
                 for normal in range(3)

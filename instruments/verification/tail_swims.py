@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import FIELDS
 from instruments.verification.fish_data import SPEED_BEATS, WINDOW_BEATS
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.propulsion import straight_swims
 from instruments.verification.trials import STILL, lane_batch
 

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 
 STILL = (0.0, 0.0, 0.0)
@@ -31,8 +30,8 @@ class Trials(NamedTuple):
 def random_trials(count: int, seed: int = 0) -> Trials:
     """Return trials with bodies, commands and fin angles drawn uniformly over their ranges."""
     rng = np.random.default_rng(seed)
-    bodies = rng.uniform(0, 1, (count, 9)) * MAXIMA
-    commands = rng.uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3))
+    bodies = rng.uniform(0, 1, (count, 9)) * AQUAFISH.maxima
+    commands = rng.uniform(AQUAFISH.command_low, AQUAFISH.command_high, (count, 3))
     return Trials(bodies, commands, rng.uniform(-np.pi, np.pi, (count, 3)))
 
 

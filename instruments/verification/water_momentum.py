@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
-from aquafish_gym.physics.added_mass import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
-    finite_span,
-    plate_inertia,
-    plate_mass,
-)
+from aquafish_gym.physics.added_mass import finite_span, plate_inertia, plate_mass
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.robot import Fin, Robot
 from instruments.verification.convergence import INTERVAL, WHAT, path_gaps
@@ -28,6 +22,7 @@ from instruments.verification.momentum import (
     about,
     inertia_and_swing,
 )
+from instruments.verification.paper_robot import BODY_ADDED_INERTIA, BODY_ADDED_MASS
 from instruments.verification.rk4 import cross, rotation_matrix
 from instruments.verification.trials import Trials, random_trials
 
@@ -68,7 +63,7 @@ def water_inertia_and_swing(robot: Robot, angles: Array, rates: Array) -> tuple[
     """
     inertia = np.diag([*BODY_ADDED_MASS, *BODY_ADDED_INERTIA]).astype(np.float64)
     swing = np.zeros(6)
-    for i, fin in enumerate(robot[:3]):
+    for i, fin in enumerate(robot.fins):
         axes = _fin_axes(i, angles[i])
         arm = -0.5 * fin.length * axes[:, 1]
         to_fin = np.kron(np.eye(2), axes.T)
@@ -118,7 +113,7 @@ class ReactiveMomentum(Momentum):
         """Return drag's and the shed water's force and torque, in body axes."""
         force, torque = super().water(t, q, velocity, spin)
         angles, rates, _ = self.joints(t)
-        fin, axes = self.robot.caudal, _fin_axes(2, angles[2])
+        fin, axes = self.robot.fins[-1], _fin_axes(2, angles[2])
         along, normal = axes[:, 1], axes[:, 2]
         arm = -fin.length * along
         at = HINGES[2] + arm

@@ -28,7 +28,8 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.layout import angles_of_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
@@ -297,7 +298,7 @@ def test_a_second_fault_is_recognised_beside_the_first() -> None:
 def test_unknown_fin_angles_are_found(gyro_only: bool) -> None:
     config = AgentConfig(gyro_noise=0.01, gyro_only=gyro_only, refinements=0)
     agent, info, _ = swim("gyro:noise=0.01", 60, config, known=False)
-    error = angles_of_rows(agent.model.state) - info["fin_angles"]
+    error = layout(AQUAFISH).angles(agent.model.state) - info["fin_angles"]
     np.testing.assert_allclose(np.arctan2(np.sin(error), np.cos(error)), 0.0, atol=0.05)
     assert whats(agent) == ["fins", "chose"]
 

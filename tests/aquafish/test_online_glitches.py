@@ -20,7 +20,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 
 QUICK = AgentConfig(generations=1, refinements=0)
-MOST = limits(observe_fins=False, has_goal=False)
+MOST = limits()
 Spoil = Callable[[int, np.ndarray], object]  # at an action changes an observation (9,) in place
 
 

@@ -20,8 +20,9 @@ from aquafish.page.facts import GYRO_NOISE, effects
 from aquafish.page.program import move, place_fish, program, state_error
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.physics.layout import angles_of_rows, start_rows
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering.scene import PART_NUMBERS, place_robots
 from aquafish_gym.scenario import Scenario
 
@@ -58,7 +59,7 @@ def swim_episodes(episodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def random_state(rng: np.random.Generator) -> np.ndarray[Any, Any]:
     """Return a state (25,) in motion."""
-    state = start_rows(rng.uniform(-3, 3, (1, 3)))[:, 0]
+    state = layout(AQUAFISH).start(rng.uniform(-3, 3, (1, 3)))[:, 0]
     state[:4] = rng.standard_normal(4)
     state[:4] /= np.linalg.norm(state[:4])
     state[4:13] = rng.standard_normal(9)
@@ -72,7 +73,7 @@ def random_faults(count: int, seed: int = 38) -> list[Fault]:
     for _ in range(count):
         word = list(FIRST_NUMBERS)[rng.integers(len(FIRST_NUMBERS))]
         number = round(float(rng.uniform(0.1, 0.9)), 3) if word in NUMBERED else None
-        found.append(Fault(FINS[rng.integers(len(FINS))], word, number))
+        found.append(Fault(AQUAFISH.names[rng.integers(len(AQUAFISH.names))], word, number))
     return found
 
 
@@ -97,7 +98,7 @@ def episode(
 
 
 @pytest.mark.parametrize("word", FIRST_NUMBERS)
-@pytest.mark.parametrize("fin", FINS)
+@pytest.mark.parametrize("fin", AQUAFISH.names)
 def test_a_word_does_to_a_robot_what_the_grammar_says(fin: str, word: str) -> None:
     number = 0.37 if word in NUMBERED else None
     robot = Damage((Fault(fin, word, number),)).edit(Scenario.create())
@@ -130,7 +131,11 @@ def test_a_fish_is_placed_as_everywhere_else() -> None:
     place_fish(body.tolist(), [0.0, 1.0, 0.0], state[:22].tolist(), parts)
     upright = [[0.0, 0.0, 0.0, 1.0]]
     wanted = place_robots(
-        body[None], [[False, True, False]], np.zeros((1, 3)), upright, angles_of_rows(state)[None]
+        body[None],
+        [[False, True, False]],
+        np.zeros((1, 3)),
+        upright,
+        layout(AQUAFISH).angles(state)[None],
     )
     table = np.reshape(parts, (9, PART_NUMBERS))
     np.testing.assert_allclose(table[:, :7], wanted.poses[0], atol=1e-12)
@@ -150,7 +155,7 @@ def test_gaits_swim_as_far_as_in_the_library() -> None:
         5.0,
     )
     robot = Damage((fault,)).edit(Scenario.create())
-    state = start_rows(np.array([angles]))[:, 0]
+    state = layout(AQUAFISH).start(np.array([angles]))[:, 0]
     wanted = imagine(load_library(), robot, state, 5.0)  # in float32
     np.testing.assert_allclose(far, [*wanted, wanted[0]], atol=0.005)
 

@@ -14,8 +14,8 @@ from aquafish.online.recognition import recognise
 from aquafish.online.search import Search
 from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 
 STROKES = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 3))
@@ -119,7 +119,7 @@ def test_a_fit_of_all_sizes_changes_no_fin_that_is_missing_and_exceeds_no_maximu
     search = Search([whole], [STATE], seen, STROKES, DRIFT, 20)
     robot = identify(search).grid.damage().edit(whole)
     assert not robot.body[0, :3].any()
-    assert (robot.body <= MAXIMA).all()
+    assert (robot.body <= AQUAFISH.maxima).all()
     assert robot.servo_gain[0, 1] == 0.0
     assert (np.abs(robot.servo_gain) <= 2.0).all()
 

@@ -20,6 +20,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, Scenario
 
 STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
@@ -31,7 +32,7 @@ def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray
     lanes, rng = LaneBatch(scenario, np.float64, threads=1), np.random.default_rng(1)
     seen, states = [], []
     for stroke in STROKES:
-        lanes.advance(scale_action(stroke)[None], 20)
+        lanes.advance(scale_action(AQUAFISH, stroke)[None], 20)
         states.append(lanes.states[:, 0].copy())
         seen.append(imu_readings(lanes.states)[0])
         seen[-1][6:] += noise * rng.standard_normal(3)

@@ -26,7 +26,8 @@ from aquafish.online.self_model import SelfModel, imu_readings, moved
 from aquafish.online.teacher import SHAPES, Teacher
 from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import angles_of_rows, start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -44,7 +45,7 @@ def random_teacher(seed: int = 0) -> Teacher:
 
 
 def random_states(count: int) -> Floats:
-    start = start_rows(np.array([[0.3, 1.0, 2.0]]))[:, 0]
+    start = layout(AQUAFISH).start(np.array([[0.3, 1.0, 2.0]]))[:, 0]
     return moved(start, np.random.default_rng(1).normal(0.0, 0.5, (count, 12)))
 
 
@@ -54,12 +55,12 @@ def elu(x: Floats) -> Floats:
 
 def written_out(teacher: Teacher, states: Floats, robot: Scenario) -> Floats:
     """Return the first actions (P, 3) by the inputs in the order that is documented."""
-    inputs = NetworkInputs(Senses(fins=True), 0.7, 20, angles_of_rows(states).T)
+    inputs = NetworkInputs(Senses(fins=True), 0.7, 20, layout(AQUAFISH).angles(states).T)
     seen = inputs.observe(imu_readings(states))
     gait = load_library()[0]
     base = [
         gait.policy(fins)(imu, 0.0)
-        for fins, imu in zip(angles_of_rows(states).T, imu_readings(states), strict=True)
+        for fins, imu in zip(layout(AQUAFISH).angles(states).T, imu_readings(states), strict=True)
     ]
     broken = [
         *(robot.body[0] / Morphology.nominal().to_array() - 1.0),

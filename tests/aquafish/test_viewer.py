@@ -32,16 +32,11 @@ from aquafish.viewer.live import (
 from aquafish.viewer.page import FAULT_WORDS, Viewer
 from aquafish.viewer.shapes import BOXES, robots_in
 from aquafish_gym.envs import AquaFishEnv
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.dynamics import wrench
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
-from aquafish_gym.physics.layout import (
-    FIELDS,
-    angles_of_rows,
-    robot_from_column,
-    robot_parameters,
-    state_from_numbers,
-)
+from aquafish_gym.physics.layout import FIELDS, layout, robot_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import scene
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -64,7 +59,9 @@ def gait_swim(count: int = 1, **options: Any) -> LiveSwim:
 def test_a_strike_in_mid_swim_equals_damage_with_that_onset() -> None:
     live, gait = gait_swim(), load_library()[0]
     damage = "caudal:missing@4; left_pectoral:weak=0.5@4+2"
-    env = AquaFishEnv(damage=damage, engine="numba", fin_angles=angles_of_rows(live.states)[:, 0])
+    env = AquaFishEnv(
+        damage=damage, engine="numba", fin_angles=layout(AQUAFISH).angles(live.states)[:, 0]
+    )
     observation, info = env.reset(seed=0)
     agent = ControllerAgent(gait)
     agent.reset({"fin_angles": info["fin_angles"][None]})
@@ -140,15 +137,15 @@ def test_the_forces_are_those_of_the_drag_law() -> None:
     live.advance(50)
     state = live.states[:, 0]
     found = part_forces(live.robots, state)
-    robot = robot_from_column(robot_parameters(live.robots.body)[:, 0])
-    now, current = state_from_numbers(state.tolist()), live.robots.current[0]
-    np.testing.assert_allclose(found.sum(axis=0), wrench(robot, now, tuple(current))[0])
+    robot = robot_of(layout(AQUAFISH).robots(live.robots.body)[:, 0].tolist())
+    now, current = layout(AQUAFISH).state(state), live.robots.current[0]
+    np.testing.assert_allclose(found.sum(axis=0), wrench(AQUAFISH, robot, now, tuple(current))[0])
 
     body = Rotation.from_quat(state[QUATERNION])
     flow = body.inv().apply(np.array(now.velocity) - current)
-    force = body_drag(tuple(flow), now.spin)[0]
+    force = body_drag(AQUAFISH, tuple(flow), now.spin)[0]
     np.testing.assert_allclose(found[3], body.apply(force), atol=1e-12)
-    poses = robots_in(live.states, live.robots.body).poses[0, scene.FIN_PARTS]
+    poses = robots_in(live.states, live.robots.body).poses[0, scene.fin_parts()]
     hinges = [(-0.75, 1.0, 0.0), (0.75, 1.0, 0.0), (0.0, -2.0, 0.0)]
     to_part = Rotation.from_matrix([np.eye(3), np.eye(3), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]])
     for k, (place, hinge) in enumerate(zip(poses, hinges, strict=True)):
@@ -156,7 +153,7 @@ def test_the_forces_are_those_of_the_drag_law() -> None:
         velocity = body.apply(flow + np.cross(now.spin, hinge))
         joint = fin.apply((now.rates[k], 0.0, 0.0))
         spin = fin.inv().apply(body.apply(now.spin) + joint)
-        force = fin_drag(robot[k], tuple(fin.inv().apply(velocity)), tuple(spin))[0]
+        force = fin_drag(robot.fins[k], tuple(fin.inv().apply(velocity)), tuple(spin))[0]
         np.testing.assert_allclose(found[k], fin.apply(force), atol=1e-9)
 
 
@@ -168,7 +165,7 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     bodies, states = imagine_ghost(agent, live.actions, live.held)
     assert bodies.shape == (1 + BELIEF_SAMPLES, 9)
     np.testing.assert_allclose(
-        angles_of_rows(states)[:, 0], angles_of_rows(live.states)[:, 0], atol=0.1
+        layout(AQUAFISH).angles(states)[:, 0], layout(AQUAFISH).angles(live.states)[:, 0], atol=0.1
     )
     spread = np.std(states[QUATERNION, 1:], axis=1).max()
     assert 1e-4 < spread < 0.2
@@ -240,7 +237,7 @@ def test_a_policy_swims_as_it_does_alone() -> None:
         return (np.sin(time), 0.5, 1.0)
 
     live = LiveSwim(pilot_of(policy))
-    start = angles_of_rows(live.states)[:, 0]
+    start = layout(AQUAFISH).angles(live.states)[:, 0]
     alone = swim_alone(
         policy, Scenario.create().body[0], engine="numba", seconds=2, fin_angles=start
     )
@@ -362,7 +359,7 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them() -> None:
         live = batch.swim
         states = live.states.copy()
         states[POSITION] += batch._starts
-        broken = [[fin in live.broken(i) for fin in FINS] for i in range(64)]
+        broken = [[fin in live.broken(i) for fin in AQUAFISH.names] for i in range(64)]
         wanted = robots_in(states, live.robots.body, broken).poses[:, 1:].reshape(-1, 7)
         boxes = batch.robots.boxes
         np.testing.assert_allclose(boxes.batched_positions, wanted[:, :3], atol=1e-5)

@@ -22,6 +22,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import check_task
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from tests.contract.scenes import damages
@@ -98,7 +99,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     for engine in ENGINES:
         late[f"rollout, {engine}"], swum[f"rollout, {engine}"] = roll(slow, engine)
         if not own and not slow.is_late:
-            series = scale_action(actions)[None]
+            series = scale_action(AQUAFISH, actions)[None]
             log = simulate_scenario(
                 slow, series, STEPS * HOLD, engine, "float64", record="gyro", interval=HOLD
             )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.jobs import RESULT_SCHEMA
 from aquafish_gym.utils.storage import encode_document, write_document
 from eea.study import study
@@ -13,7 +14,7 @@ from eea.study.replicate import ReplicateKey
 
 DAMAGE = "left_pectoral:length=0.5"
 TRUTH = Damage.parse(DAMAGE).apply(Morphology.nominal()).to_array()
-QUANTA = MAXIMA / [2**d.bits - 1 for d in DIMENSIONS]
+QUANTA = AQUAFISH.maxima / [2**d.bits - 1 for d in AQUAFISH.dimensions]
 # Mean errors at the start and the end, and of the inferred angles, rad.
 LEVELS = {
     "ideal": (0.22, 0.012, 0.0),
@@ -72,10 +73,10 @@ def make_records(rng, start, end, rounds):
     records = []
     for number in range(1, rounds + 1):
         level = end * luck + (start - end * luck) * np.exp(-(number - 1) / 4)
-        apart = np.abs(rng.normal(0.0, 1.2 * level * hard)) * MAXIMA
-        inside = np.where(TRUTH + apart > MAXIMA, TRUTH - apart, TRUTH + apart)
-        body = np.clip(np.rint(inside / QUANTA) * QUANTA, 0.0, MAXIMA)
-        error = np.abs(body - TRUTH) / MAXIMA
+        apart = np.abs(rng.normal(0.0, 1.2 * level * hard)) * AQUAFISH.maxima
+        inside = np.where(TRUTH + apart > AQUAFISH.maxima, TRUTH - apart, TRUTH + apart)
+        body = np.clip(np.rint(inside / QUANTA) * QUANTA, 0.0, AQUAFISH.maxima)
+        error = np.abs(body - TRUTH) / AQUAFISH.maxima
         records.append(
             {
                 "round": number,

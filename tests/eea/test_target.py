@@ -9,7 +9,7 @@ import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.morphology import DIMENSIONS
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import (
     EngineSimulator,
@@ -43,8 +43,8 @@ DAMAGE = "left_pectoral:length=0.5"
 def test_every_genome_is_a_body_and_a_command_the_fish_accepts():
     rng = np.random.default_rng(0)
     models, actions = fish_problem().models, fish_problem().actions
-    assert models.names == tuple(d.name for d in DIMENSIONS)
-    assert models.high.tolist() == [d.maximum for d in DIMENSIONS]
+    assert models.names == tuple(d.name for d in AQUAFISH.dimensions)
+    assert models.high.tolist() == [d.maximum for d in AQUAFISH.dimensions]
     assert (models.bits, actions.bits) == (45, 18)
     assert actions.low.tolist() == [-0.5, -0.5, 0.0]
     assert actions.high.tolist() == [0.5, 0.5, 1.0]

@@ -11,7 +11,7 @@ import pytest
 
 import aquafish_gym
 from aquafish_gym.engines.api import check_engine, resolve_engine
-from aquafish_gym.morphology import DIMENSIONS, MAXIMA
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification.agreement import (
     WHAT,
     quantiles,
@@ -35,10 +35,10 @@ def fifty_cases() -> Trial:
     """Return random trials, among them fins of no size, of full size, and next to nothing."""
     trials = random_trials(50, seed=0)
     bodies = trials.morphologies
-    bodies[0], bodies[1] = 0.0, MAXIMA
-    for i in range(len(DIMENSIONS)):
+    bodies[0], bodies[1] = 0.0, AQUAFISH.maxima
+    for i in range(len(AQUAFISH.dimensions)):
         bodies[2 + i, i] = 0.0
-        bodies[11 + i, i] = MAXIMA[i]
+        bodies[11 + i, i] = AQUAFISH.maxima[i]
     bodies[20, :3] = 0.0
     bodies[21] = 1e-9
     trials.commands[22] = 0.0

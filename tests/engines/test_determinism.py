@@ -19,7 +19,7 @@ from numpy.testing import assert_array_equal
 import aquafish_gym
 from aquafish_gym import simulate
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.trials import lane_batch, random_trials
 
@@ -33,7 +33,7 @@ dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=("float32", "float64"))
 @pytest.fixture(scope="module")
 def trials():  # type: ignore[no-untyped-def]
     found = random_trials(COUNT)
-    found.morphologies[0], found.morphologies[1] = 0.0, MAXIMA
+    found.morphologies[0], found.morphologies[1] = 0.0, AQUAFISH.maxima
     return found
 
 
@@ -120,6 +120,7 @@ SCRIPT = """
 import hashlib, json
 import numpy as np
 from aquafish_gym.engines.compiled import lanes
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification.trials import lane_batch, random_trials
 
 used, inner = [], lanes.compile_kernel

@@ -21,7 +21,8 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, has_diverged
-from aquafish_gym.physics.layout import FIELDS, STATE_NUMBERS, start_rows, state_from_numbers
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller, program_of
@@ -246,10 +247,12 @@ SPEEDS = range(FIELDS["velocity"].start, FIELDS["spin"].stop)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_every_arithmetic_says_alike_who_diverged(dtype: type[np.floating]) -> None:
     """Rows, numbers, the compiled robot and lanes: about the bound, and for what is not finite."""
-    states = np.tile(start_rows(np.zeros((1, 3))), 600).astype(dtype)
+    states = np.tile(layout(AQUAFISH).start(np.zeros((1, 3))), 600).astype(dtype)
     rng = np.random.default_rng(0)
     about = np.nextafter(dtype(BOUND), dtype(0)), dtype(BOUND), np.nextafter(dtype(BOUND), np.inf)
-    spoilt = [(row, x) for row in range(STATE_NUMBERS) for x in (np.inf, -np.inf, np.nan)]
+    spoilt = [
+        (row, x) for row in range(layout(AQUAFISH).state_numbers) for x in (np.inf, -np.inf, np.nan)
+    ]
     spoilt += [(row, sign * x) for row in SPEEDS for x in (*about, 1e30) for sign in (-1, 1)]
     for robot, (row, x) in enumerate(spoilt):
         states[row, robot] = x
@@ -259,8 +262,8 @@ def test_every_arithmetic_says_alike_who_diverged(dtype: type[np.floating]) -> N
         BOUND * (1 + rng.integers(-4, 5, rest) * np.finfo(dtype).eps) / np.linalg.norm(fast, axis=0)
     )
     states[SPEEDS.start : SPEEDS.stop, len(spoilt) :] = fast
-    lost = diverged_states(states)
-    assert lost[: 3 * STATE_NUMBERS].all()
+    lost = diverged_states(layout(AQUAFISH).state(states))
+    assert lost[: 3 * layout(AQUAFISH).state_numbers].all()
     assert {bool(x) for x in lost[len(spoilt) :]} == {False, True}
     lanes = LaneBatch(Scenario.create([[0.0] * 9] * 600), dtype, states=states)
     still = np.zeros(600)
@@ -270,8 +273,10 @@ def test_every_arithmetic_says_alike_who_diverged(dtype: type[np.floating]) -> N
     if dtype is np.float64:
         world = make_world("numba", Scenario.create())
         for column, expected in zip(states.T, lost, strict=True):
-            assert has_diverged(state_from_numbers(column.tolist())) == expected
-            world._numbers[:STATE_NUMBERS] = column[:STATE_NUMBERS]  # type: ignore[attr-defined]
+            assert has_diverged(layout(AQUAFISH).state(column.tolist())) == expected
+            world._numbers[: layout(AQUAFISH).state_numbers] = column[
+                : layout(AQUAFISH).state_numbers
+            ]  # type: ignore[attr-defined]
             world.advance((0.0, 0.0, 0.0), 0)
             assert world.diverged == expected
 
@@ -280,7 +285,7 @@ def test_every_arithmetic_says_alike_who_diverged(dtype: type[np.floating]) -> N
 def test_a_rollout_without_a_task_notices_a_robot_that_ran_away(drag: float) -> None:
     """With some drag it is slow again in the end."""
     policy = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0)
-    start = start_rows(np.zeros((2, 3)))
+    start = layout(AQUAFISH).start(np.zeros((2, 3)))
     start[FIELDS["velocity"].start + 1, 1] = 3e6
     hulls = Scenario.create(np.zeros((2, 9)), drag=(drag, drag))
     found = rollout(program_of([policy, policy]), hulls, seconds=3.0, threads=1, start=start)

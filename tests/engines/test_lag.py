@@ -18,7 +18,8 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.world_batch import WorldBatch
 from aquafish_gym.engines.worlds import Swimmers, World, make_world
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.layout import STATE_NUMBERS
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.rollout.programs import act_alone
 from aquafish_gym.scenario import TIMESTEP, Scenario
@@ -143,7 +144,7 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
         current = rng.uniform(-0.3, 0.3, (ROBOTS, 3))
         action = rng.uniform(-1.0, 1.0, (3, ROBOTS))
         followed = (action[0], action[1], action[2])
-        command = np.transpose(servo_speeds(followed))
+        command = np.transpose(servo_speeds(AQUAFISH, followed))
         for swimmers in many:
             if verb == "set_current":
                 swimmers.set_current(current)
@@ -163,7 +164,7 @@ def test_verbs_mean_the_same_for_one_robot_and_for_many(late: bool) -> None:
         for swimmers in many:
             found = np.concatenate(np.atleast_2d(*swimmers.state()))
             assert_allclose(found, wanted, rtol=0, atol=1e-9)
-            assert_array_equal(found, swimmers.states[:STATE_NUMBERS])
+            assert_array_equal(found, swimmers.states[: layout(AQUAFISH).state_numbers])
     for swimmers in many:
         swimmers.close()
         swimmers.close()

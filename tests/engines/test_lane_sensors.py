@@ -47,7 +47,7 @@ def test_lanes_sense_as_the_functions_do(
     """In each of some stages sensors are stuck or dropped; all have a bias, the gyroscope noise."""
     rng = np.random.default_rng(seed)
     bias = rng.normal(size=COUNT)
-    most = limits(observe_fins=False, has_goal=False)
+    most = limits()
     side, rows = Side(1, COUNT, TIMESTEP), np.zeros(1, np.intp)
     kept = np.zeros(EPISODE_ROWS)
     deviation = np.r_[np.zeros(COUNT - AXES), np.full(AXES, noise)]

@@ -13,7 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym import ImuLog, simulate
 from aquafish_gym.engines.api import simulate_scenario
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.foreign_law import Defects, simulate_law
@@ -144,9 +145,9 @@ def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
     first = lane_batch(BODIES, ANGLES, dtype=np.float64, servo_lag=lag, **servos)
     first.log(SERIES, cut, "gyro", INTERVAL)
     now = first.state()
-    turned = rotations(first.states[FIELDS["rpy"]].T)
+    turned = rotations(first.states[layout(AQUAFISH).rpy].T)
     rest = simulate(
-        BODIES, SERIES, angles_of_rows(first.states).T, steps=60 - cut, dtype="float64",
+        BODIES, SERIES, layout(AQUAFISH).angles(first.states).T, steps=60 - cut, dtype="float64",
         record="gyro", interval=INTERVAL, begun=cut, lag=lag, spin=np.transpose(now.spin),
         velocity=np.einsum("bji,jb->bi", turned, np.array(now.velocity)), **servos,
     )  # fmt: skip

@@ -12,7 +12,8 @@ from aquafish_gym.engines.compiled.spectrum import (
     padded,
     spectral_distances,
 )
-from aquafish_gym.physics.layout import FIELDS
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.trials import lane_batch, random_trials, rotations
 
@@ -91,7 +92,7 @@ def test_what_needs_no_attitude_leaves_one_in_the_state(dtype: type[np.floating]
     whole.log(t.commands, 32, "attitude")
     others[0].spectra(t.commands, 32)
     others[1].log(t.commands, 32, "gyro")
-    angles = FIELDS["rpy"]
+    angles = layout(AQUAFISH).rpy
     for batch in others:
         turned = [rotations(each.states[angles].T) for each in (whole, batch)]
         np.testing.assert_allclose(*turned, atol=1e-5)

@@ -10,7 +10,8 @@ import pytest
 
 from aquafish.online.gaits import imagine, load_library
 from aquafish_gym.damage import Damage
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from experiments.league import ceiling
 from experiments.league.entrants import ENTRANTS
@@ -30,7 +31,7 @@ def small_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_search_finds_more_than_the_library_and_repeats() -> None:
     robot = Damage.parse("right_pectoral:missing").edit(Scenario.create())
-    state = start_rows(np.array([[0.3, -0.5, 1.0]]))[:, 0]
+    state = layout(AQUAFISH).start(np.array([[0.3, -0.5, 1.0]]))[:, 0]
     library = load_library()
     gait, far = ceiling.search_gait(library, robot, state, 20.0, seed=3)
     recurrent = [one for one in library if one.memory]

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 
 from aquafish_gym.engines.api import simulate as swim_in_engine
-from aquafish_gym.physics.added_mass import BODY_ADDED_INERTIA, BODY_ADDED_MASS
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y
 from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.config import FitConfig
@@ -29,6 +26,14 @@ from experiments.real.planar_fish import (
     Swimmer,
     planar_step,
     swim,
+)
+from instruments.verification.paper_robot import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    SWEEP,
 )
 from tests.pictures import is_drawn
 

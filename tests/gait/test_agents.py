@@ -21,6 +21,7 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, damaged_at_random, evaluate, scores, swim
@@ -501,7 +502,7 @@ def test_the_agent_is_the_network_on_plain_floats_to_the_last_bit() -> None:
                 genes, layout, memory, 0, 1, 0.2 * k, o[:3], o[3:6], o[6:9], fins, o[9:]
             )
             assert actions[i].tolist() == list(action)
-            speeds = [g * s for g, s in zip(GAIN, lane_servo_speeds(action), strict=True)]
+            speeds = [g * s for g, s in zip(GAIN, lane_servo_speeds(AQUAFISH, action), strict=True)]
             fins[:] = reckon(fins, speeds, 0.2)
     np.testing.assert_allclose(together.fin_angles, [TAU * np.array(one[3]) for one in alone])
 

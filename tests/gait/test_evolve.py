@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
-from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
@@ -31,7 +32,7 @@ CMA = EvolveConfig(
 TUNED = EvolveConfig(
     seed=7, search="neat", restarts=2, generations=16, cma_generations=6, population=20, poses=1
 )
-BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (20, 9)) * MAXIMA
+BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (20, 9)) * AQUAFISH.maxima
 
 
 class Recorder(WeightScorer):

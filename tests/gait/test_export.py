@@ -291,7 +291,7 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
     observations, commands = export.make_vectors(controller, 200)
     lanes = LaneBatch(Scenario.create(BODY), np.float32)
     program = program_of([controller])
-    loop = ClosedLoop(1, lanes.width, np.float32, program.scratch)
+    loop = ClosedLoop(1, len(lanes.plan.fins), lanes.width, np.float32, program.scratch)
     loop["fins"] = np.array([export.VECTOR_FIN_ANGLES]).T / (2 * np.pi)
     loop["gain"] = np.array([export.VECTOR_SERVO_GAIN]).T
     loop.broken = True

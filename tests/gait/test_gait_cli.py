@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -58,7 +57,9 @@ def test_evolve_takes_a_sample_of_bodies(
     write_bodies(sample, broken)
     words = ["evolve", "--morphology", str(sample), "--damage", "left_pectoral:missing"]
     assert main([*words, "--out", str(out), *QUICK]) == 0
-    lost = [replace(body, left_pectoral=(0.0, 0.0, 0.0)) for body in broken]
+    lost = [
+        Morphology.coerce(body.to_dict() | {"left_pectoral": (0.0, 0.0, 0.0)}) for body in broken
+    ]
     assert read_bodies(out / "bodies.json") == tuple(lost)
     evolved = Controller.load(out / "controller.json")
     assert evolved.morphology == lost[1]

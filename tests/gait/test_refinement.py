@@ -12,7 +12,8 @@ import pytest
 from aquafish_gym import Morphology, WorldConfig
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller
@@ -25,7 +26,9 @@ from gait_fakes import contents, make_controller
 
 HALF = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
 REVERSED = WorldConfig(servo_gain=(1.0, -1.0, 0.5))
-MOVING = start_rows(np.array([[0.4, -1.0, 2.0]]), velocity=(0.0, 0.4, 0.1), spin=(0.1, 0.0, 0.3))
+MOVING = layout(AQUAFISH).start(
+    np.array([[0.4, -1.0, 2.0]]), velocity=(0.0, 0.4, 0.1), spin=(0.1, 0.0, 0.3)
+)
 START = MOVING[:, 0]
 SHORT = EvolveConfig(seed=5, generations=3, population=10, seconds=2.0, threads=1)
 

@@ -13,7 +13,7 @@ import pytest
 from aquafish_gym import Morphology, simulate
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
@@ -36,7 +36,7 @@ from gait_fakes import make_controller
 BODY = Morphology.nominal()
 HALF = Damage.parse("left_pectoral:length=0.5").apply(BODY)
 POSES = random_poses(3, 7)
-BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (5, 9)) * MAXIMA
+BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (5, 9)) * AQUAFISH.maxima
 NINE = random_poses(9, 3)
 ODD = WorldConfig(
     current=(0.05, 0.15, -0.1), drag=(1.2, 0.8), servo_gain=(0.9, 1.0, 1.1), substeps=2
@@ -116,7 +116,8 @@ def test_controller_reckons_its_fins_from_its_commands(gain: float) -> None:
     policy = shows.policy(begin, (gain,) * 3)
     actions = np.array([policy(np.zeros(9), 0.05 * k) for k in range(40)])
     log = simulate(
-        BODY, np.repeat(scale_action(actions), 5, axis=0)[None], begin, steps=200, record="pose",
+        BODY, np.repeat(scale_action(AQUAFISH, actions), 5, axis=0)[None], begin, steps=200,
+        record="pose",
         servo_gain=(gain,) * 3, dtype="float64",
     )  # fmt: skip
     assert log.fin_angles is not None

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.engines.compiled.single import STATE_ENTRIES, CompiledWorld
+from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
-from aquafish_gym.physics.layout import LEFT, STATE_NUMBERS, angles_of_rows
+from aquafish_gym.physics.layout import JOINTS, layout, state_numbers
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from instruments.verification import harness
 from instruments.verification.trials import lane_batch
@@ -124,7 +125,7 @@ class Single(Swimmer):
         ends, world = [], CompiledWorld()
         for body, row, command in zip(bodies, states.T, commands, strict=True):
             world.start(Scenario.create(body, current=current))
-            world._numbers[STATE_ENTRIES] = row[STATE_ENTRIES]
+            world._numbers[world._state] = row[world._state]
             world.advance(tuple(command.tolist()), steps)
             ends.append(flatten(world.state()))
         return np.array(ends).T
@@ -148,7 +149,7 @@ class Bullet(Swimmer):
         try:
             ends = []
             for body, row, command in zip(bodies, states.T, commands, strict=True):
-                angles = angles_of_rows(row)
+                angles = layout(AQUAFISH).angles(row)
                 world.start(Scenario.create(body, fin_angles=angles, current=current))
                 place(world, row)
                 world._push = pushed(world._push, push, wet)  # which reset chooses
@@ -180,19 +181,19 @@ def place(world: Any, row: Array) -> None:
     )
     world_spin = to_world(rotation(quaternion), spin)
     bullet, robot, client = world._bullet, world._robot, world._client
-    for joint, rate in enumerate(row[harness.RATES].tolist()):
+    for joint, rate in enumerate(row[layout(AQUAFISH).rates].tolist()):
         angle = bullet.getJointState(robot, joint, physicsClientId=client)[0]
         bullet.resetJointState(robot, joint, angle, rate, physicsClientId=client)
     bullet.resetBasePositionAndOrientation(robot, position, quaternion, physicsClientId=client)
     bullet.resetBaseVelocity(robot, velocity, world_spin, physicsClientId=client)
     world.position, world.orientation = position, quaternion
     world.velocity, world.world_spin = velocity, world_spin
-    world._joints[:] = row[LEFT:STATE_NUMBERS]
+    world._joints[:] = row[JOINTS : layout(AQUAFISH).state_numbers]
 
 
 def flatten(state: State) -> Array:
     """Return a state as a row of 25; its roll, pitch and yaw are left out."""
-    return np.array([x for part in state for x in part] + [0.0] * 3)
+    return np.array([*state_numbers(state), 0.0, 0.0, 0.0])
 
 
 SWIMMERS: tuple[Swimmer, ...] = (

@@ -14,24 +14,18 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym.engines.compiled import kernel
-from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import dynamics
 from aquafish_gym.physics.hydrodynamics import AXIAL_DRAG, DENSITY, NORMAL_DRAG, SKIN_FRICTION
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import start_rows
-from aquafish_gym.physics.robot import (
-    BODY_MASS,
-    MINIMUM_FIN_MASS,
-    MOUNT_LENGTH,
-    MOUNT_WIDTH,
-    RADIUS,
-)
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.physics.robot import MOUNT_LENGTH
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification import harness
 from instruments.verification.harness import (
     BACKENDS,
     POSITION,
     QUATERNION,
-    RATES,
     SPIN,
     VELOCITY,
     march,
@@ -42,6 +36,13 @@ from instruments.verification.momentum import (
     kinetic_energy,
     total_momentum,
 )
+from instruments.verification.paper_robot import (
+    BODY_MASS,
+    LEAST_FIN_MASS,
+    MOUNT_WIDTH,
+    RADIUS,
+    SWEEP,
+)
 from instruments.verification.rk4 import rotation_matrix
 from instruments.verification.trials import random_trials
 from swimmers import SWIMMERS, Swimmer
@@ -49,7 +50,7 @@ from swimmers import SWIMMERS, Swimmer
 NOMINAL = Morphology.nominal().to_array()
 NO_FINS = np.zeros((1, 9))
 LOCKED = np.zeros((1, 3))
-MASS_WITHOUT_FINS = BODY_MASS + 3 * MINIMUM_FIN_MASS
+MASS_WITHOUT_FINS = BODY_MASS + 3 * LEAST_FIN_MASS
 # Force per speed squared of the capsule and its mounts along their axis.
 AXIAL = (
     0.5
@@ -85,7 +86,7 @@ def some_trials(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.n
 
 def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray:
     """Return robots in any attitude, moving and turning, with their joints still."""
-    rng, rows = np.random.default_rng(seed), start_rows(angles)
+    rng, rows = np.random.default_rng(seed), layout(AQUAFISH).start(angles)
     q = rng.normal(size=(4, len(angles)))
     rows[QUATERNION] = q / np.linalg.norm(q, axis=0)
     rows[VELOCITY], rows[SPIN] = speed * rng.normal(size=(2, 3, len(angles)))
@@ -94,7 +95,7 @@ def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray
 
 @contract("short steps", "rigid")
 def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
-    states = start_rows(LOCKED)
+    states = layout(AQUAFISH).start(LOCKED)
     states[VELOCITY] = [[0.0], [2.0], [0.0]]
     after = swimmer.march(NO_FINS, states, LOCKED, h=1e-3, steps=2000)
     k = AXIAL / MASS_WITHOUT_FINS
@@ -106,7 +107,7 @@ def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
 def test_a_pushed_capsule_gains_speed_along_a_tanh(swimmer: Swimmer) -> None:
     push = 5.0
     terminal = math.sqrt(push / AXIAL)
-    states = start_rows(LOCKED)
+    states = layout(AQUAFISH).start(LOCKED)
     for steps, tolerance in ((200, 2e-3), (2300, 1e-4)):
         time = 0.01 * steps
         after = swimmer.march(NO_FINS, states, LOCKED, steps=steps, push=(0.0, push, 0.0))
@@ -158,7 +159,9 @@ def test_without_fluid_momenta_are_kept_to_first_order(swimmer: Swimmer) -> None
     bodies, commands, angles = some_trials(swimmer.robots)
     errors = []
     for h in (0.005, 0.0025):
-        one = swimmer.march(bodies, start_rows(angles), commands, h=h, steps=1, wet=False)
+        one = swimmer.march(
+            bodies, layout(AQUAFISH).start(angles), commands, h=h, steps=1, wet=False
+        )
         end = swimmer.march(bodies, one, commands, h=h, steps=round(2 / h), wet=False)
         changes = [
             [
@@ -197,14 +200,14 @@ def test_with_joints_locked_in_still_water_energy_never_rises(swimmer: Swimmer) 
 @contract()
 def test_a_robot_with_no_fins_stays_at_rest(swimmer: Swimmer) -> None:
     command = np.array([[0.5, -0.5, 1.0]])
-    after = swimmer.march(NO_FINS, start_rows(LOCKED), command, steps=1000)
+    after = swimmer.march(NO_FINS, layout(AQUAFISH).start(LOCKED), command, steps=1000)
     assert_allclose(after[VELOCITY], 0, atol=1e-5)
     assert_allclose(after[POSITION], 0, atol=1e-4)
 
 
 @contract()
 def test_a_symmetric_stroke_swims_straight(swimmer: Swimmer) -> None:
-    after = swimmer.march(NOMINAL[None], start_rows(np.array([[0.3, 0.3, 0.0]])),
+    after = swimmer.march(NOMINAL[None], layout(AQUAFISH).start(np.array([[0.3, 0.3, 0.0]])),
                           np.array([[0.37, 0.37, 0.0]]), steps=400)  # fmt: skip
     assert abs(after[9, 0]) + abs(after[10, 0]) > 1e-3, "it moves up or pitches"
     assert_allclose(after[[4, 7, 11, 12]], 0, atol=50 * swimmer.rounding)
@@ -228,7 +231,7 @@ def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right
     trials = some_trials(swimmer.robots, seed=5)
     paths = []
     for bodies, commands, angles in (trials, mirrored(*trials, left_right)):
-        paths.append(swimmer.march(bodies, start_rows(angles), commands, steps=256))
+        paths.append(swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, steps=256))
     flip = np.ones((3, 1))
     flip[0 if left_right else 2] = -1
     scale = 2e3 * swimmer.rounding
@@ -241,7 +244,7 @@ def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right
 def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
     bodies, commands, angles = some_trials(swimmer.robots, seed=6)
     u = np.array([0.3, -0.2, 0.1])
-    states = start_rows(angles)
+    states = layout(AQUAFISH).start(angles)
     still = swimmer.march(bodies, states, commands, steps=256)
     states[VELOCITY] = u[:, None]
     carried = swimmer.march(bodies, states, commands, steps=256, current=(0.3, -0.2, 0.1))
@@ -254,8 +257,8 @@ def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
 def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
     """A robot that starts elsewhere, turned, swims the same path there, turned."""
     bodies, commands, angles = some_trials(swimmer.robots, seed=12)
-    here = swimmer.march(bodies, start_rows(angles), commands, steps=128)
-    states, q = start_rows(angles), np.array([0.5, 0.1, -0.7, 0.5])
+    here = swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, steps=128)
+    states, q = layout(AQUAFISH).start(angles), np.array([0.5, 0.1, -0.7, 0.5])
     states[QUATERNION] = (q / np.linalg.norm(q))[:, None]
     states[POSITION] = [[3.0], [-2.0], [1.0]]
     there = swimmer.march(bodies, states, commands, steps=128)
@@ -269,8 +272,8 @@ def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
 def test_twice_the_speed_at_half_the_step_traces_the_same_path(swimmer: Swimmer) -> None:
     bodies, commands, angles = some_trials(swimmer.robots, seed=7)
     commands *= 0.5
-    slow = swimmer.march(bodies, start_rows(angles), commands, h=0.01, steps=256)
-    fast = swimmer.march(bodies, start_rows(angles), 2 * commands, h=0.005, steps=256)
+    slow = swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, h=0.01, steps=256)
+    fast = swimmer.march(bodies, layout(AQUAFISH).start(angles), 2 * commands, h=0.005, steps=256)
     tolerance = 2e3 * swimmer.rounding
     assert_allclose(fast[POSITION], slow[POSITION], atol=tolerance)
     assert_allclose(fast[VELOCITY], 2 * slow[VELOCITY], atol=10 * tolerance)
@@ -328,7 +331,9 @@ def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer, rk4_ends: 
     bodies, commands, angles = some_trials(3, seed=8)
     errors = []
     for h in (0.01, 0.005, 0.0025):
-        ends = swimmer.march(bodies, start_rows(angles), commands, h=h, steps=round(1.28 / h))
+        ends = swimmer.march(
+            bodies, layout(AQUAFISH).start(angles), commands, h=h, steps=round(1.28 / h)
+        )
         errors.append(np.linalg.norm(ends[POSITION].T - rk4_ends, axis=1))
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     assert_allclose(np.median(orders), 1.0, atol=0.1)
@@ -338,9 +343,9 @@ def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer, rk4_ends: 
 def test_every_swimmer_swims_the_same_from_any_state(swimmer: Swimmer) -> None:
     """Any attitude, velocity, spin, joint angles and rates, in a current."""
     bodies, commands, angles = some_trials(swimmer.robots, seed=9)
-    bodies[0], bodies[1] = 0, MAXIMA
+    bodies[0], bodies[1] = 0, AQUAFISH.maxima
     states = moving_rows(angles, seed=10, speed=0.5)
-    states[RATES] = np.random.default_rng(11).uniform(-3, 3, (3, swimmer.robots))
+    states[layout(AQUAFISH).rates] = np.random.default_rng(11).uniform(-3, 3, (3, swimmer.robots))
     current = (0.2, 0.1, -0.3)
     ends = swimmer.march(bodies, states, commands, steps=256, current=current)
     reference = march("numba", bodies, states, commands, steps=256, current=current)
@@ -351,8 +356,10 @@ def test_every_swimmer_swims_the_same_from_any_state(swimmer: Swimmer) -> None:
 
 def test_float64_lanes_are_plain_python_to_the_last_bit() -> None:
     bodies, commands, angles = some_trials(5, seed=9)
-    bodies[0], bodies[1] = 0, MAXIMA
-    ends = [march(c, bodies, start_rows(angles), commands, steps=256) for c in BACKENDS[:3]]
+    bodies[0], bodies[1] = 0, AQUAFISH.maxima
+    ends = [
+        march(c, bodies, layout(AQUAFISH).start(angles), commands, steps=256) for c in BACKENDS[:3]
+    ]
     assert_array_equal(ends[1], ends[0])
     assert_array_equal(ends[2], ends[0])
 
@@ -360,7 +367,7 @@ def test_float64_lanes_are_plain_python_to_the_last_bit() -> None:
 def test_the_harness_runs_the_very_functions_that_the_engines_run() -> None:
     assert harness.forces is dynamics.forces
     assert harness.move is dynamics.move
-    assert kernel.step is dynamics.step
+    assert kernel.law is law is harness.law
 
 
 def test_every_swimmer_answers_most_of_the_contract() -> None:

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from aquafish_gym.command import servo_speeds
-from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.layout import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.convergence import attitude_gap
 from instruments.verification.harness import POSITION, QUATERNION, march
 from instruments.verification.mechanics import extrapolate
 from instruments.verification.mujoco_world import BoxWorld, MujocoWorld
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.trials import random_trials
 
 pytest.importorskip("mujoco")
@@ -45,7 +46,7 @@ def dry_end(trial: int, seconds: float, finer: int) -> tuple[np.ndarray, np.ndar
 def test_joints_follow_their_commands() -> None:
     """Fins without mass do, too, and all do in a strong current."""
     command, angles = np.array((0.5, -0.5, 1.0)), np.array((3.0, -2.0, 1.0))
-    for body in (Morphology.nominal().to_array(), MAXIMA, np.zeros(9)):
+    for body in (Morphology.nominal().to_array(), AQUAFISH.maxima, np.zeros(9)):
         world = MujocoWorld()
         world.start(Scenario.create(body, fin_angles=angles, current=(0.0, -20.0, 0.0)))
         for step in range(1, 101):
@@ -58,7 +59,7 @@ def test_joints_follow_their_commands() -> None:
 def test_without_water_its_motion_tends_to_ours_with_order_one() -> None:
     """tests/physics/test_oracles.py compares our limit with an independent one."""
     trial, seconds, one = 0, 1.0, slice(0, 1)
-    rows = start_rows(TRIALS.fin_angles[one])
+    rows = layout(AQUAFISH).start(TRIALS.fin_angles[one])
     ours = [
         march("float64", TRIALS.morphologies[one], rows, TRIALS.commands[one], h,
               round(seconds / h), wet=False)[:, 0]
@@ -94,7 +95,7 @@ def test_an_environment_swims_in_mujocos_water(kind: type[MujocoWorld]) -> None:
     world.start(Scenario.create(fin_angles=(0.5, 1.0, 2.0), current=(0.1, 0.0, 0.0)))
     for _ in range(20):
         info = env.step(action)[-1]
-        world.advance(servo_speeds(tuple(action.tolist())), 20)
+        world.advance(servo_speeds(AQUAFISH, tuple(action.tolist())), 20)
     x, y, z = world.state().position
     assert (info["x_position"], info["y_position"], info["z_position"]) == (x, y, z)
     assert abs(y) > 0.1

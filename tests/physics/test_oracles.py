@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import EngineUnavailableError
 from instruments.verification import mechanics
 from instruments.verification.momentum import inertia_and_swing
@@ -50,7 +50,7 @@ def test_without_water_the_scheme_tends_to_nothing_but_mujocos_motion(gaps: dict
 def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
     mujoco = pytest.importorskip("mujoco")
     trials = random_trials(5, seed=2)
-    trials.morphologies[0], trials.morphologies[1] = 0.0, MAXIMA
+    trials.morphologies[0], trials.morphologies[1] = 0.0, AQUAFISH.maxima
     rng = np.random.default_rng(3)
     for body in trials.morphologies:
         model = mujoco_model(body)
@@ -63,7 +63,7 @@ def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
             product = np.empty(model.nv)
             mujoco.mj_mulM(model, data, product, unit)
             rows.append(product[:6])
-        robot = robot_from_column(robot_parameters(body[None])[:, 0])
+        robot = robot_of(layout(AQUAFISH).robots(body[None])[:, 0].tolist())
         inertia, _ = inertia_and_swing(robot, angles, np.zeros(3))
         np.testing.assert_allclose(rows, inertia, atol=1e-12)
 

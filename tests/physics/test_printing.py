@@ -13,23 +13,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aquafish_gym import code_generation as robot
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.code_generation import robot_code
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.arithmetic import Number, floor, fma, square_root, where_less
-from aquafish_gym.physics.layout import (
-    STATE_NUMBERS,
-    robot_parameters,
-    start_rows,
-    state_from_numbers,
-)
+from aquafish_gym.physics.layout import layout, state_of
 from aquafish_gym.physics.printing import C99, JAVASCRIPT, printed, trace
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.sense import observe
 
 CC, NODE = shutil.which("cc"), shutil.which("node")
-NAMES = {function.__name__: function for function in robot.FUNCTIONS}
+robot = robot_code()
+NAMES = {function.__name__: function for function in robot.functions}
 Array = NDArray[np.float64]
 # Calls a function for each robot some times: (the arrays by parameter, (B, n) each, times).
 Caller = Callable[[dict[str, Array], int], None]
@@ -78,7 +73,7 @@ def in_python(name: str, _folder: Path) -> Caller:
 def in_c(name: str, folder: Path) -> Caller:
     if CC is None:
         pytest.skip("there is no C compiler, cc")
-    sizes = robot.FUNCTIONS[NAMES[name]]
+    sizes = robot.functions[NAMES[name]]
     arguments = ", ".join(f"arrays[{k}] + i * sizes[{k}]" for k in range(len(sizes)))
     loop = C_LOOP.replace("NAME", name).replace("ARGUMENTS", arguments)
     code, library = folder / f"{name}.c", folder / f"{name}.so"
@@ -101,7 +96,7 @@ def in_c(name: str, folder: Path) -> Caller:
 def in_javascript(name: str, folder: Path) -> Caller:
     if NODE is None:
         pytest.skip("there is no JavaScript engine, node")
-    sizes = robot.FUNCTIONS[NAMES[name]]
+    sizes = robot.functions[NAMES[name]]
     code, file = folder / f"{name}.js", folder / "numbers"
     code.write_text(robot.javascript(NAMES[name]) + JAVASCRIPT_LOOP.replace("NAME", name))
 
@@ -129,12 +124,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
     """Return the arrays of a function for random robots in any motion."""
     rng = np.random.default_rng(0)
-    bodies = rng.uniform(0, MAXIMA, (count, 9)) * (rng.random((count, 9)) < 0.9)
+    bodies = rng.uniform(0, AQUAFISH.maxima, (count, 9)) * (rng.random((count, 9)) < 0.9)
     drag, density = rng.uniform(0.2, 2.0, (count, 2)), rng.uniform(0.5, 2.0, (count, 1))
-    states = start_rows(
+    states = layout(AQUAFISH).start(
         rng.uniform(-np.pi, np.pi, (count, 3)), rng.normal(0, 2, (count, 3)),
         rng.normal(0, 3, (count, 3)), rng.normal(0, 3, (count, 3)),
-    ).T[:, :STATE_NUMBERS]  # fmt: skip
+    ).T[:, :layout(AQUAFISH).state_numbers]  # fmt: skip
     turned = rng.normal(size=(count, 4))
     states[:, :4] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     states[:, 4:7] = rng.normal(0, 10, (count, 3))
@@ -144,13 +139,13 @@ def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
         "drag": drag,
         "fin_angles": rng.uniform(-7, 7, (count, 3)),
         "state": states,
-        "robot": robot_parameters(bodies, drag, density[:, 0]).T,
+        "robot": layout(AQUAFISH).robots(bodies, drag, density[:, 0]).T,
         "current": rng.normal(0, 0.3, (count, 3)),
-        "command": rng.uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3)),
+        "command": rng.uniform(AQUAFISH.command_low, AQUAFISH.command_high, (count, 3)),
         "goal": rng.normal(0, 60, (count, 3)),
         "observation": np.zeros((count, 12)),
     }
-    return {key: found[key].copy() for key in robot.FUNCTIONS[NAMES[name]]}
+    return {key: found[key].copy() for key in robot.functions[NAMES[name]]}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -173,7 +168,7 @@ def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, fold
     """Of random robots. Float64 lanes are plain Python to the bit, as ``tests/engines`` shows."""
     arrays, rows = random_arrays(name, count), random_arrays("robot_rows", count)
     angles = random_arrays("start", count)["fin_angles"]
-    arrays["state"] = start_rows(angles).T[:, :STATE_NUMBERS].copy()
+    arrays["state"] = layout(AQUAFISH).start(angles).T[:, : layout(AQUAFISH).state_numbers].copy()
     scenario = Scenario.create(
         rows["sizes"], drag=rows["drag"], fin_density=rows["density"][:, 0],
         current=arrays["current"], fin_angles=angles, reactive=name == "step_reactive",
@@ -181,7 +176,7 @@ def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, fold
     lanes = LaneBatch(scenario, np.float64)
     lanes.advance(arrays["command"], 2000)
     LANGUAGES[language](name, folder)(arrays, 2000)
-    expected = lanes.states[:STATE_NUMBERS].T
+    expected = lanes.states[: layout(AQUAFISH).state_numbers].T
     if language == "c":
         np.testing.assert_array_equal(arrays["state"], expected)
     else:
@@ -192,19 +187,21 @@ def test_senses_are_those_of_an_observation() -> None:
     arrays = random_arrays("sense", 100)
     for state, goal, seen in zip(*(table.tolist() for table in arrays.values()), strict=True):
         robot.sense(state, goal, seen)
-        expected = observe(state_from_numbers(state), goal=tuple(goal))
+        expected = observe(state_of(state), goal=tuple(goal))
         np.testing.assert_array_equal(np.array(seen, np.float32), expected)
 
 
 def test_a_start_is_that_of_a_trial() -> None:
-    begin = [math.nan] * STATE_NUMBERS
+    begin = [math.nan] * layout(AQUAFISH).state_numbers
     robot.start([0.5, -1.0, 9.0], begin)
-    expected = start_rows(np.array([[0.5, -1.0, 9.0]]))[:STATE_NUMBERS, 0]
+    expected = layout(AQUAFISH).start(np.array([[0.5, -1.0, 9.0]]))[
+        : layout(AQUAFISH).state_numbers, 0
+    ]
     np.testing.assert_allclose(begin, expected, rtol=0, atol=1e-15)
 
 
 def test_every_primitive_is_printed() -> None:
-    """Equal operations once, constants computed, unused operations and the sign of 0 kept off."""
+    """Equal operations once, constants computed; nothing unused, nor idle by a 0 or a 1."""
 
     def function(a: list[Number], b: list[Number]) -> None:
         unused = a[0] / a[1]
@@ -213,7 +210,7 @@ def test_every_primitive_is_printed() -> None:
         again = fma(2, a[0], 0.5 * 3)
         b[0] = where_less(once, again, floor(a[1]), -1)
         b[1] = square_root(abs(-a[0]))
-        b[2] = (0.0 + a[0]) - (-0.0 + a[0]) + 1 / a[1]
+        b[2] = fma(1.0, 0.0 + a[0], 0.0 * a[1]) + 1 / a[1]
 
     traced = trace(function, a=2, b=3)
     assert printed("f", traced, C99) == (
@@ -226,18 +223,15 @@ def test_every_primitive_is_printed() -> None:
         "    const double t5 = -a_0;\n"
         "    const double t6 = fabs(t5);\n"
         "    const double t7 = sqrt(t6);\n"
-        "    const double t8 = 0.0 + a_0;\n"
-        "    const double t9 = (-0.0) + a_0;\n"
-        "    const double t10 = t8 - t9;\n"
-        "    const double t11 = 1.0 / a_1;\n"
-        "    const double t12 = t10 + t11;\n"
+        "    const double t8 = 1.0 / a_1;\n"
+        "    const double t9 = a_0 + t8;\n"
         "    b[0] = t4;\n"
         "    b[1] = t7;\n"
-        "    b[2] = t12;\n"
+        "    b[2] = t9;\n"
         "}\n"
     )
     assert "const t2 = 2.0 * a_0 + 1.5;\n" in printed("f", traced, JAVASCRIPT)
-    assert traced.operations.total() == 11
+    assert traced.operations.total() == 8
 
 
 def test_what_is_read_may_be_written() -> None:

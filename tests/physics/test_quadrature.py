@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
-from aquafish_gym.physics.robot import CAPSULE_STATIONS, CYLINDER, RADIUS
 from instruments.verification.harness import drag
 from instruments.verification.momentum import Momentum
+from instruments.verification.paper_robot import CAPSULE_STATIONS, CYLINDER, RADIUS
 from instruments.verification.quadrature import (
     body_by_law,
     body_reference,

@@ -12,41 +12,40 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym import simulate
-from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import reactive
 from aquafish_gym.physics.added_mass import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
     fin_added_mass,
     finite_span,
     plate_inertia,
     plate_mass,
     trailing_edge,
 )
-from aquafish_gym.physics.dynamics import Water, advance, composite_inertia, forces
+from aquafish_gym.physics.dynamics import Water, advance, forces, whole_inertia
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.kinematics import (
     State,
     at_rest,
-    caudal_angle,
     drive,
     joint_accelerations,
     joint_angles,
     next_joints,
 )
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.layout import layout, robot_of
 from aquafish_gym.physics.reactive import accelerations_with, added_water, step_reactive
-from aquafish_gym.physics.robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    MINIMUM_FIN_MASS,
-    Fin,
-    Robot,
-)
+from aquafish_gym.physics.robot import Fin, Robot
+from aquafish_gym.plans import AQUAFISH
 from instruments.verification import propulsion
 from instruments.verification.lattice import ASPECTS, lattice_share
 from instruments.verification.momentum import inertia_and_swing
+from instruments.verification.paper_robot import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    LEAST_FIN_MASS,
+    SWEEP,
+)
 from instruments.verification.propulsion import lighthill_thrust, tail_body
 from instruments.verification.rk4 import rotation_matrix
 from instruments.verification.trials import lane_batch, random_trials
@@ -59,7 +58,7 @@ from instruments.verification.water_momentum import (
 Vector = tuple[float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
-DRY = Water((ZERO, ZERO), (ZERO, ZERO), (ZERO, ZERO), (ZERO, ZERO))
+DRY = Water(((ZERO, ZERO),) * 3, (ZERO, ZERO))
 NO_FINS = np.zeros(9)
 BODY = np.array([0.7, 1.3, 0.3, 0.5, 1.9, 0.1, 0.4, 1.1, 0.8])
 TAIL_ALONE = np.array([0.0] * 6 + [0.1, 1.4, 0.6])
@@ -68,8 +67,8 @@ ANGLES = st.floats(-math.pi, math.pi)
 SPEEDS = st.floats(-5, 5)
 
 
-def robot_of(sizes: np.ndarray) -> Robot:
-    return robot_from_column(robot_parameters(np.asarray(sizes, np.float64)[None])[:, 0])
+def robot_with(sizes: np.ndarray) -> Robot:
+    return robot_of(layout(AQUAFISH).robots(np.asarray(sizes, np.float64)[None])[:, 0].tolist())
 
 
 def moving(velocity: Vector, spin: Vector = ZERO, angles: Vector = ZERO) -> State:
@@ -80,11 +79,12 @@ def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet
     """Advance on plain floats, with the law's drag or without."""
     by = drive(command, h)
     for _ in range(steps):
-        joints = next_joints(state, by, h)
+        joints = next_joints(AQUAFISH, state, by, h)
         push = joint_accelerations(state, joints, h)
-        water = forces(robot, state, ZERO) if wet else DRY
-        added = added_water(robot, state, push, ZERO)
-        found = accelerations_with(composite_inertia(robot, state, push, water), added, state.spin)
+        water = forces(AQUAFISH, robot, state, ZERO) if wet else DRY
+        added = added_water(AQUAFISH, robot, state, push, ZERO)
+        whole = whole_inertia(AQUAFISH, robot, state, push, water)
+        found = accelerations_with(whole, added, state.spin)
         state = advance(state, joints, found, h)
     return state
 
@@ -94,8 +94,8 @@ def totals(robot: Robot, state: State) -> tuple[np.ndarray, float]:
 
     By the virtual work of ``verification/water_momentum.py``, which knows no accelerations.
     """
-    left, right, phase = joint_angles(state)
-    angles = np.array([left, right, caudal_angle((math.cos(phase), math.sin(phase)))])
+    left, right, phase = joint_angles(state.joints)
+    angles = np.array([left, right, SWEEP * math.sin(phase)])
     rates = np.array(state.rates)
     rigid, swing = inertia_and_swing(robot, angles, rates)
     carried, swept = water_inertia_and_swing(robot, angles, rates)
@@ -115,7 +115,7 @@ def test_robot_and_water_keep_their_impulse_to_first_order(
 ) -> None:
     """Without drag and without shedding; with locked joints they keep their energy, too."""
     monkeypatch.setattr(reactive, "trailing_edge", lambda *_: ZERO)
-    robot = robot_of(BODY)
+    robot = robot_with(BODY)
     errors = []
     for h in (0.004, 0.002):
         # One step first, within which the joints jump to speed.
@@ -144,8 +144,8 @@ def test_rk4_keeps_the_whole_impulse_to_rounding(monkeypatch: pytest.MonkeyPatch
 
 def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> None:
     rng = np.random.default_rng(0)
-    for sizes in (BODY, TAIL_ALONE, MAXIMA):
-        robot = robot_of(sizes)
+    for sizes in (BODY, TAIL_ALONE, AQUAFISH.maxima):
+        robot = robot_with(sizes)
         for angles in rng.uniform(-math.pi, math.pi, (3, 3)):
             state = moving(tuple(rng.normal(size=3)), tuple(rng.normal(size=3)), tuple(angles))
             energies = [totals(robot, state)[1]]
@@ -159,11 +159,11 @@ def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> Non
 def mobility(robot: Robot, angles: Vector) -> np.ndarray:
     """Return what ``accelerations_with`` answers to unit forces and torques, (6, 6)."""
     state = at_rest(angles)
-    composite = composite_inertia(robot, state, ZERO, DRY)
-    added = added_water(robot, state, ZERO, ZERO)
+    whole = whole_inertia(AQUAFISH, robot, state, ZERO, DRY)
+    added = added_water(AQUAFISH, robot, state, ZERO, ZERO)
     columns = []
     for unit in np.eye(6):
-        asked = composite._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
+        asked = whole._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
         columns.append(np.concatenate(accelerations_with(asked, added, ZERO)))
     return np.array(columns).T
 
@@ -173,7 +173,7 @@ def mobility(robot: Robot, angles: Vector) -> np.ndarray:
 def test_the_whole_mass_is_symmetric_positive_and_that_of_virtual_work(
     shares: list[float], angles: Vector
 ) -> None:
-    robot = robot_of(np.array(shares) * MAXIMA)
+    robot = robot_with(np.array(shares) * AQUAFISH.maxima)
     found = mobility(robot, angles)
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     assert_allclose(found / scale, found.T / scale, atol=1e-12)
@@ -193,7 +193,9 @@ def test_the_body_adds_what_lambs_table_says() -> None:
 
 
 def test_fins_of_no_size_add_nothing() -> None:
-    added = added_water(robot_of(NO_FINS), moving((0.4, 1.0, 0.3)), (3.0, 1.0, -2.0), ZERO)
+    added = added_water(
+        AQUAFISH, robot_with(NO_FINS), moving((0.4, 1.0, 0.3)), (3.0, 1.0, -2.0), ZERO
+    )
     assert added.linear == (*BODY_ADDED_MASS, 0, 0, 0)
     assert added.angular == (*BODY_ADDED_INERTIA, 0, 0, 0)
     assert_array_equal(added.coupling, np.zeros((3, 3)))
@@ -214,8 +216,8 @@ def test_a_fin_of_one_size_alone_adds_nothing_and_of_two_is_one_plate() -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_pushed_body_without_fins_accelerates_by_mass_and_added_mass(axis: int) -> None:
     """From rest, by the mass and the added mass together, and the torque likewise."""
-    mobile = mobility(robot_of(NO_FINS), ZERO)
-    mass = BODY_MASS + 3 * MINIMUM_FIN_MASS
+    mobile = mobility(robot_with(NO_FINS), ZERO)
+    mass = BODY_MASS + 3 * LEAST_FIN_MASS
     assert_allclose(mobile[axis, axis], 1 / (mass + BODY_ADDED_MASS[axis]), rtol=1e-6)
     assert_allclose(
         mobile[3 + axis, 3 + axis], 1 / (BODY_INERTIA[axis] + BODY_ADDED_INERTIA[axis]), rtol=1e-4
@@ -224,7 +226,7 @@ def test_a_pushed_body_without_fins_accelerates_by_mass_and_added_mass(axis: int
 
 def test_munks_moment_turns_the_body_broadside() -> None:
     aside, ahead = 0.3, 1.2
-    added = added_water(robot_of(NO_FINS), moving((aside, ahead, 0.0)), ZERO, ZERO)
+    added = added_water(AQUAFISH, robot_with(NO_FINS), moving((aside, ahead, 0.0)), ZERO, ZERO)
     moment = (BODY_ADDED_MASS[0] - BODY_ADDED_MASS[1]) * aside * ahead
     # It moves forward and to the right, and its nose turns left: broadside to where it goes.
     assert moment > 0
@@ -273,8 +275,8 @@ def test_a_slender_tail_at_incidence_lifts_as_jones_says_at_its_leading_edge() -
     width, length, speed, incidence = 0.3, 2.0, 1.7, 1e-5
     sizes = np.array([0.0] * 6 + [0.0, length, width])
     velocity = (speed * incidence, speed, 0.0)
-    added = added_water(robot_of(sizes), moving(velocity), ZERO, ZERO)
-    bare = added_water(robot_of(NO_FINS), moving(velocity), ZERO, ZERO)
+    added = added_water(AQUAFISH, robot_with(sizes), moving(velocity), ZERO, ZERO)
+    bare = added_water(AQUAFISH, robot_with(NO_FINS), moving(velocity), ZERO, ZERO)
     lift = math.pi / 4 * width**2 * speed**2 * incidence * finite_span(width, length)
     # The tail moves to the right, too, so the water lifts it to the left.
     assert_allclose(added.force[0], -lift, rtol=1e-6)
@@ -286,10 +288,10 @@ def test_a_slender_tail_at_incidence_lifts_as_jones_says_at_its_leading_edge() -
 
 @pytest.mark.parametrize("tail", propulsion.TAILS)
 def test_a_held_tail_thrusts_by_shedding_alone(tail: str) -> None:
-    robot = robot_of(tail_body(propulsion.TAILS[tail], pectorals=False))
+    robot = robot_with(tail_body(propulsion.TAILS[tail], pectorals=False))
     drag, thrust = propulsion.held_thrust(robot, 0.8)
     assert abs(drag) < 1e-12
-    assert_allclose(thrust, lighthill_thrust(robot.caudal, 0.8), rtol=1e-12)
+    assert_allclose(thrust, lighthill_thrust(robot.fins[-1], 0.8), rtol=1e-12)
     assert thrust > 0.5
 
 
@@ -339,7 +341,7 @@ Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 def trials() -> Trial:
     """Random ones, the first two of them with no fins and with the greatest."""
     drawn = random_trials(24, seed=1)
-    drawn.morphologies[0], drawn.morphologies[1] = 0.0, MAXIMA
+    drawn.morphologies[0], drawn.morphologies[1] = 0.0, AQUAFISH.maxima
     return drawn.morphologies, drawn.commands, drawn.fin_angles
 
 
@@ -358,11 +360,11 @@ def test_lanes_are_plain_python_to_the_last_bit(trials: Trial) -> None:
     lanes = lane_batch(bodies, angles, u, np.float64, reactive=True)
     lanes.advance(commands, 12)
     for body, command, angle, row in zip(bodies, commands, angles, lanes.states.T, strict=True):
-        robot = robot_from_column(robot_parameters(body[None])[:, 0])
+        robot = robot_with(body)
         state = at_rest(tuple(angle.tolist()))
         by = drive(tuple(command.tolist()), 0.01)
         for _ in range(12):
-            state = step_reactive(robot, state, by, u, 0.01)
+            state = step_reactive(AQUAFISH, robot, state, by, u, 0.01)
         assert_array_equal(np.concatenate([np.ravel(part) for part in state]), row[:22])
 
 
@@ -385,7 +387,7 @@ def test_the_scheme_converges_to_the_momentum_form_with_order_one() -> None:
 
 def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
     """All 2^9 of no size and greatest sizes, each servo at a bound, drawn anew every 0.1 s."""
-    bodies = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
+    bodies = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * AQUAFISH.maxima
     rng = np.random.default_rng(3)
     angles = rng.uniform(-math.pi, math.pi, (len(bodies), 3))
     lanes = lane_batch(bodies, angles, dtype=np.float64, reactive=True)

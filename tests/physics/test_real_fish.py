@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from aquafish_gym.physics.kinematics import SWEEP
 from instruments.verification.momentum import Momentum
+from instruments.verification.paper_robot import SWEEP
 from instruments.verification.propulsion import straight_swims
 from instruments.verification.real_fish import NAMED, exponent
 from instruments.verification.tail_swims import (

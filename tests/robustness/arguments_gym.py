@@ -16,10 +16,14 @@ from strange_values import (
 )
 
 from aquafish_gym import (
+    AQUAFISH,
     AquaFishEnv,
     AquaFishVectorEnv,
+    BodyPlan,
     Damage,
     FaultWrapper,
+    FinPlan,
+    Hull,
     Morphology,
     VectorFaultWrapper,
     WorldConfig,
@@ -43,6 +47,7 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 
 BODY = Morphology.nominal()
+TAIL = AQUAFISH.fins[-1]
 WHOLE = Damage()
 SCENARIO = Scenario.create()
 STILL = FilmedSwim(
@@ -149,11 +154,11 @@ ROWS = [
             "steps": 4, "engine": "numba", "dtype": "float64", "current": np.zeros(3),
             "substeps": 1, "threads": 1, "record": "attitude", "reactive": False,
             "drag": np.ones(2), "servo_gain": np.ones(3), "lag": np.zeros(1), "interval": 1,
-            "begun": 0, "velocity": np.zeros(3), "spin": np.zeros(3),
+            "begun": 0, "velocity": np.zeros(3), "spin": np.zeros(3), "plan": AQUAFISH,
         },
         options(
             morphologies=NO_BODY, threads="none", reactive="true", servo_gain="fraction, minus one",
-            lag="fraction, empty list", dtype="none",
+            lag="fraction, empty list", dtype="none", fin_angles="none",
         ),
     ),
     Call(
@@ -179,10 +184,30 @@ ROWS = [
     ),
     Call(WorldConfig().edit, {"scenario": SCENARIO}),
     Call(WorldConfig.of, {"robot": SCENARIO}),
-    Call(Morphology, {fin: getattr(BODY, fin) for fin in vars(BODY)}),
-    Call(Morphology.from_array, {"sizes": BODY.to_array()}, words={"sizes": "morphology"}),
-    Call(Morphology.coerce, {"value": BODY}, options(value=NO_BODY), {"value": "morphology"}),
-    Call(Morphology.from_json, {"text": BODY.to_json()}, words={"text": "morphology"}),
+    Call(Morphology, {"sizes": BODY.sizes, "plan": AQUAFISH}, words={"sizes": "morphology"}),
+    Call(Morphology.nominal, {"plan": AQUAFISH}),
+    Call(
+        Morphology.from_array, {"sizes": BODY.to_array(), "plan": AQUAFISH},
+        words={"sizes": "morphology"},
+    ),
+    Call(
+        Morphology.coerce, {"value": BODY, "plan": AQUAFISH},
+        options(value=NO_BODY), {"value": "morphology"},
+    ),
+    Call(
+        Morphology.from_json, {"text": BODY.to_json(), "plan": AQUAFISH},
+        words={"text": "morphology"},
+    ),
+    Call(
+        BodyPlan, {"name": "fish", "hull": AQUAFISH.hull, "fins": AQUAFISH.fins},
+        options(name="text"),
+    ),
+    Call(BodyPlan.from_json, {"text": AQUAFISH.to_json()}, words={"text": "plan"}),
+    Call(
+        FinPlan, {name: getattr(TAIL, name) for name in TAIL.__dataclass_fields__},
+        options(speed="fraction", sweep="fraction", word="text, empty text", name="text"),
+    ),
+    Call(Hull, {"length": 4.0, "radius": 0.5}, options(length="big", radius="fraction")),
     Call(
         Fault,
         {
@@ -216,12 +241,12 @@ ROWS = [
     *map(task_row, (SwimForward, Recover, HoldStation, ReachWaypoints, ReturnToBuoys)),
     Call(
         write_bodies,
-        {"path": "bodies.json", "bodies": BODY},
+        {"path": "bodies.json", "bodies": BODY, "plan": AQUAFISH},
         options(path="text", bodies=NO_BODY),
     ),
     Call(
         read_bodies,
-        {"path": "bodies.json", "argument": "file"},
+        {"path": "bodies.json", "argument": "file", "plan": AQUAFISH},
         {"argument": frozenset(STRANGE)},  # the name of the other one
         {"path": "file"},
     ),
@@ -240,7 +265,7 @@ ROWS = [
     ),
     Call(
         Scenario.create,
-        {"body": BODY, "reactive": False},
+        {"body": BODY, "reactive": False, "plan": AQUAFISH},
         options(body=f"{NO_BODY}, mapping", reactive="true"),
         {"body": "body"},
     ),

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled import lanes
-from aquafish_gym.engines.compiled.single import STATE_ENTRIES
 from aquafish_gym.envs import robots
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import layout
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
@@ -33,7 +33,7 @@ from gait.swims.swim import swim
 from gait.swims.transfer import swims_on
 from instruments.verification.trials import one_world
 
-CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
+CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * AQUAFISH.maxima
 THICKNESS, WIDTH, LENGTH = [2, 5, 6], [0, 3, 8], [1, 4, 7]
 GO = np.array([0.8, 0.6, 0.4], np.float32)
 NAN = math.nan
@@ -41,7 +41,7 @@ NAN = math.nan
 
 def thin_bodies(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return bodies (count, 9) with some sizes next to nothing."""
-    bodies = rng.uniform(0.0, MAXIMA, (count, 9))
+    bodies = rng.uniform(0.0, AQUAFISH.maxima, (count, 9))
     for axis in (THICKNESS, WIDTH, LENGTH):
         thin = rng.random((count, 3)) < 0.5
         bodies[:, axis] *= np.where(thin, 10.0 ** rng.uniform(-300, -1, (count, 3)), 1.0)
@@ -122,7 +122,8 @@ BLOWS = {
 def strike(env: Any, blow: str) -> None:
     """Spoil the state of the compiled robot."""
     rows, value = BLOWS[blow]
-    env._robot.world._numbers[STATE_ENTRIES][rows] = value
+    world = env._robot.world
+    world._numbers[world._state][rows] = value
 
 
 def strike_bullet(env: Any, blow: str) -> None:
@@ -201,7 +202,9 @@ def test_divergence_of_one_robot_spares_the_others(speed: float, dtype: str) -> 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
 def test_a_log_is_nan_from_where_a_robot_diverged(engine: str) -> None:
     """A current of 1e200 units/s is more than any arithmetic holds, and no door admits it."""
-    robot = Scenario.fill({"body": MAXIMA[None], "current": np.array([[1e200, 1e200, 0.0]])})
+    robot = Scenario.fill(
+        {"body": AQUAFISH.maxima[None], "current": np.array([[1e200, 1e200, 0.0]])}
+    )
     log = simulate_scenario(robot, np.array([[0.5, 0.5, 1.0]]), 40, engine, "float64")
     assert log.diverged.tolist() == [True]
     good = np.isfinite(log.rpy[0]).all(axis=1)

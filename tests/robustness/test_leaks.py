@@ -22,7 +22,7 @@ import numpy as np
 import aquafish_gym
 from aquafish_gym.engines.bullet import world as bullet_world
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 
 engine, first, then = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 rng = np.random.default_rng(0)

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 import aquafish_gym
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 
 STEPS = 8
 ACTIONS = np.random.default_rng(5).uniform(-1, 1, (STEPS, 3)).astype(np.float32)
@@ -48,7 +48,7 @@ def run_simulate(job: tuple[str, int]) -> str:
     rng = np.random.default_rng(seed)
     count = 64 if engine == "numba" else 4
     log = aquafish_gym.simulate(
-        rng.uniform(0, MAXIMA, (count, 9)),
+        rng.uniform(0, AQUAFISH.maxima, (count, 9)),
         rng.uniform((-0.5, -0.5, 0), (0.5, 0.5, 1), (count, 3)),
         rng.uniform(-3, 3, (count, 3)),
         steps=300,

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.bullet.push import compiled_push, follow
-from aquafish_gym.engines.bullet.world import BulletWorld, triple
+from aquafish_gym.engines.bullet.push import compiled_follow
+from aquafish_gym.engines.bullet.world import BulletWorld
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.scenario import Scenario
 
@@ -25,16 +25,17 @@ def simulate_bullet(
     batch = len(scenario)
     rpy, gyro = np.empty((batch, steps, 3)), np.empty((batch, steps, 3))
     position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
-    fin_angles = np.empty((batch, steps, 3))
+    fins = len(scenario.plan.fins)
+    fin_angles = np.empty((batch, steps, fins))
     spins = np.empty((steps, 3))
     diverged = np.zeros(batch, dtype=np.bool_)
-    fill = compiled_push(follow)
+    fill = compiled_follow()
     for i in range(batch):
         one = scenario.take(i)
         world = BulletWorld(substeps)
         try:
             world.start(one)
-            series = [triple(command) for command in commands[i].reshape(-1, 3)]
+            series = [tuple(command) for command in commands[i].reshape(-1, fins).tolist()]
             for begin, end, _, to in one.segments(steps):
                 if to is not None:
                     world.update(to)

@@ -13,34 +13,26 @@ from __future__ import annotations
 import math
 import os
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.bullet.push import compiled_push, push, push_reactive
+from aquafish_gym.engines.bullet.push import compiled_push
 from aquafish_gym.engines.packages import load_pybullet, machine_memory
 from aquafish_gym.engines.worlds import World
-from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
     RUNAWAY_SQUARE,
-    Joints,
+    Numbers,
     State,
     at_rest,
-    caudal_angle,
-    drive,
     rotation,
     to_body,
 )
-from aquafish_gym.physics.layout import (
-    LEFT,
-    STATE_NUMBERS,
-    fetch_joints,
-    put_joints,
-    robot_from_column,
-    robot_parameters,
-)
-from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import layout, robot_of
+from aquafish_gym.physics.robot import hull_numbers
+from aquafish_gym.plans import FinPlan
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
@@ -93,9 +85,6 @@ def return_client(client: int, process: int) -> None:
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_idle_clients.clear)
 
-HINGES = ((-PECTORAL_X, PECTORAL_Y, 0.0), (PECTORAL_X, PECTORAL_Y, 0.0), (0.0, CAUDAL_Y, 0.0))
-HINGE_AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-
 # Bullet's defaults are 1000 and 100, and joints would lag behind their servos.
 _UNLIMITED = 1e9
 # Its default residual threshold of 1e-7 leaves errors of 1e-5 rad.
@@ -116,7 +105,6 @@ class BulletWorld(World):
         self._process = os.getpid()
         self._client = take_client()
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
-        self._joints = np.zeros(STATE_NUMBERS - LEFT)
 
     def close(self) -> None:
         """Give the client back; the world refuses to work from then on."""
@@ -142,17 +130,18 @@ class BulletWorld(World):
 
     def _start(self, scenario: Scenario) -> None:
         self._check_usable()
-        angles = triple(scenario.fin_angles[0])
-        self._push = compiled_push(push_reactive if scenario.reactive else push)
-        rest = at_rest(angles)
-        put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
+        self._plan = scenario.plan
+        self._push = compiled_push(scenario.plan, scenario.reactive)
+        rest = at_rest(scenario.fin_angles[0].tolist())
+        self._joints = np.array([*rest.joints, *rest.rates])
         self.diverged = False
         self.position, self.orientation = rest.position, rest.orientation
         # It is upright, facing +y: the body's axes are the world's.
         self.velocity = triple(scenario.velocity[0])
         self.world_spin = triple(scenario.spin[0])
         self._set(scenario)
-        self._build((*angles[:2], float(caudal_angle(rest.phase))))
+        angles = zip(scenario.plan.fins, self.fin_angles, strict=True)
+        self._build([fin.sweep * math.sin(a) if not fin.turns else a for fin, a in angles])
         self._set_velocity()
 
     def _update(self, scenario: Scenario) -> None:
@@ -162,8 +151,11 @@ class BulletWorld(World):
         if self.diverged or np.array_equal(was, self._column):
             return
         p, client = self._bullet, self._client
-        turns = [p.getJointState(self._robot, i, physicsClientId=client)[:2] for i in range(3)]
-        self._build(tuple(angle for angle, _ in turns))
+        turns = [
+            p.getJointState(self._robot, i, physicsClientId=client)[:2]
+            for i in range(len(self._plan.fins))
+        ]
+        self._build([angle for angle, _ in turns])
         for joint, (angle, rate) in enumerate(turns):
             p.resetJointState(self._robot, joint, angle, rate, physicsClientId=client)
         p.resetBasePositionAndOrientation(
@@ -181,14 +173,14 @@ class BulletWorld(World):
 
     def _set(self, scenario: Scenario) -> None:
         """Take over the robot's parameters, its current and its gains."""
-        self._column = np.ascontiguousarray(
-            robot_parameters(scenario.body, scenario.drag, scenario.fin_density)[:, 0]
-        )
-        self._current, self._gains = triple(scenario.current[0]), triple(scenario.servo_gain[0])
+        robots = layout(scenario.plan).robots(scenario.body, scenario.drag, scenario.fin_density)
+        self._column = np.ascontiguousarray(robots[:, 0])
+        self._current = triple(scenario.current[0])
+        self._gains = tuple(scenario.servo_gain[0].tolist())
         # A new robot's motors, or other gains, need the command again.
-        self._command: Vector | None = None
+        self._command: Numbers | None = None
 
-    def _build(self, angles: Triple) -> None:
+    def _build(self, angles: Sequence[float]) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""
         # Building a new robot is quick, leaks nothing and leaves no motor or solver state behind,
         # as restoring a saved state would.
@@ -201,31 +193,36 @@ class BulletWorld(World):
             solverResidualThreshold=0.0,
             physicsClientId=client,
         )
-        left, right, caudal, _ = robot_from_column(self._column)
-        fins = (left, right, caudal)
-        turns = [(0.0, 0.0, 0.0, 1.0)] * 3
+        hull, fins = hull_numbers(self._plan.hull), robot_of(self._column.tolist()).fins
+        # Links have the body's axes at angle 0, their principal axes those of the hinge frame.
+        frames = [
+            _principal(fin, one.inertia) for fin, one in zip(self._plan.fins, fins, strict=True)
+        ]
+        count = len(fins)
+        straight = [(0.0, 0.0, 0.0, 1.0)] * count
         self._robot = robot = p.createMultiBody(
-            baseMass=BODY_MASS,
+            baseMass=hull.mass,
             baseCollisionShapeIndex=-1,
             baseVisualShapeIndex=-1,
             linkMasses=[fin.mass for fin in fins],
-            linkCollisionShapeIndices=[-1] * 3,
-            linkVisualShapeIndices=[-1] * 3,
-            linkPositions=HINGES,
-            linkOrientations=turns,
-            linkInertialFramePositions=[(0.0, -0.5 * fin.length, 0.0) for fin in fins],
-            linkInertialFrameOrientations=turns,
-            linkParentIndices=[0] * 3,
-            linkJointTypes=[p.JOINT_REVOLUTE] * 3,
-            linkJointAxis=HINGE_AXES,
+            linkCollisionShapeIndices=[-1] * count,
+            linkVisualShapeIndices=[-1] * count,
+            linkPositions=[fin.hinge for fin in self._plan.fins],
+            linkOrientations=straight,
+            linkInertialFramePositions=[
+                tuple(-0.5 * one.length * x for x in fin.frame[1])
+                for fin, one in zip(self._plan.fins, fins, strict=True)
+            ],
+            linkInertialFrameOrientations=[orientation for orientation, _ in frames],
+            linkParentIndices=[0] * count,
+            linkJointTypes=[p.JOINT_REVOLUTE] * count,
+            linkJointAxis=[fin.axis for fin in self._plan.fins],
             physicsClientId=client,
         )
-        # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its
-        # normal the body's x.
-        inertias = [left.inertia, right.inertia, caudal.inertia[::-1], BODY_INERTIA]
+        inertias = [*(inertia for _, inertia in frames), hull.inertia]  # the base's, -1, is last
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
-        for link in range(-1, 3):
+        for link in range(-1, count):
             for setting in (
                 {"localInertiaDiagonal": inertias[link]},
                 {"linearDamping": 0.0},
@@ -248,15 +245,15 @@ class BulletWorld(World):
             physicsClientId=self._client,
         )
 
-    def _set_motors(self, command: Vector) -> None:
-        """Set the pectorals' motors, whose speed is constant; the tail's is set at every step."""
+    def _set_motors(self, command: Numbers) -> None:
+        """Set the motors that turn at a constant speed; those that sweep are set at every step."""
         self._command = command
-        (left, right, caudal), (a, b, c) = command, self._gains
-        self._drive = drive((a * left, b * right, c * caudal), self.timestep)
+        self._drive = law(self._plan).driven(self._gains, command, self.timestep)
         for joint, rate in enumerate(self._drive.speeds):
-            self._turn(joint, rate)
+            if self._plan.fins[joint].turns:
+                self._turn(joint, rate)
 
-    def _swim(self, command: Vector, steps: int) -> None:
+    def _swim(self, command: Numbers, steps: int) -> None:
         self._check_usable()
         if command != self._command:
             self._set_motors(command)
@@ -269,16 +266,17 @@ class BulletWorld(World):
         current = self._current
         by = self._drive
         h = self.timestep
-        caudal = 2
+        sweeping = [i for i, fin in enumerate(self._plan.fins) if not fin.turns]
         for _ in range(steps * self._substeps):
             if self.diverged:
                 return
             base = (self.orientation, self.velocity, self.world_spin)
-            force, torque, sweep = push(column, joints, base, current, by, h)
+            force, torque, rates = push(column, joints, base, current, by, h)
             if not math.isfinite(sum(force) + sum(torque)):
                 self._diverge()
                 return
-            self._turn(caudal, sweep)
+            for joint in sweeping:
+                self._turn(joint, rates[joint])
             p.applyExternalForce(
                 robot, -1, force, self.position, p.WORLD_FRAME, physicsClientId=client
             )
@@ -300,17 +298,24 @@ class BulletWorld(World):
 
     def state(self) -> State:
         spin = to_body(rotation(self.orientation), self.world_spin)
-        return State(self.orientation, self.position, self.velocity, spin, *self._now())
+        numbers, turned = self._joints.tolist(), 2 * len(self._plan.fins)
+        joints, rates = tuple(numbers[:turned]), tuple(numbers[turned:])
+        return State(self.orientation, self.position, self.velocity, spin, joints, rates)
 
     @property
-    def fin_angles(self) -> Vector:
-        left, right, phase = (math.atan2(sine, cosine) for cosine, sine in self._now()[:3])
-        return (left, right, phase)
+    def fin_angles(self) -> Numbers:
+        turned = self._joints[: 2 * len(self._plan.fins)].tolist()
+        return tuple(map(math.atan2, turned[1::2], turned[::2]))
 
-    def _now(self) -> Joints:
-        """Return how the joints stand, on plain floats."""
-        found: Joints = fetch_joints(self._joints.tolist(), 0, 0, 1, 0.0)
-        return found
+
+def _principal(fin: FinPlan, inertia: Triple) -> tuple[tuple[float, float, float, float], Triple]:
+    """Return how a fin's principal axes lie in body axes, (x, y, z, w), and the inertia about each.
+
+    For a fin along the body's axes, these are the principal ones.
+    """
+    if fin.is_along_axes:
+        return (0.0, 0.0, 0.0, 1.0), triple((np.array(fin.frame) ** 2).T @ inertia)
+    return fin.attitude, inertia
 
 
 def triple(row: Iterable[float]) -> Triple:

@@ -16,8 +16,8 @@ class ClosedLoop:
 
     Parameters
     ----------
-    batch, width, dtype
-        B, how many robots share a register, and the type of their numbers.
+    batch, fins, width, dtype
+        B, how many fins a robot has, how many robots share a register, and the type of numbers.
     scratch
         How many numbers a robot the policy may ``put``.
 
@@ -30,13 +30,16 @@ class ClosedLoop:
         Whether any sensor is faulty.
     """
 
-    def __init__(self, batch: int, width: int, dtype: type[np.floating], scratch: int) -> None:
+    def __init__(
+        self, batch: int, fins: int, width: int, dtype: type[np.floating], scratch: int
+    ) -> None:
         self.functions: Any = None
         self.task: Any = ()
         self.broken = False
         self._batch = batch
         self._width = width
-        groups, rows = -(-batch // width), episode.EPISODE_ROWS + scratch
+        self._fields = episode.episode_fields(fins)
+        groups, rows = -(-batch // width), self._fields["action"].stop + scratch
         self._episodes = np.zeros((groups, rows * width), dtype)
         self._noise = np.zeros((groups, 0), dtype)
         self["alive"] = 1.0
@@ -47,7 +50,7 @@ class ClosedLoop:
         return self._episodes, self._noise, self.broken
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        """Return the rows (n, B) of a field; ``episode.EPISODE_FIELDS`` has the names."""
+        """Return the rows (n, B) of a field; ``episode.episode_fields`` has the names."""
         found = self._view(name).transpose(1, 0, 2)
         return found.reshape(found.shape[0], -1)[:, : self._batch].astype(np.float64)
 
@@ -64,7 +67,7 @@ class ClosedLoop:
     def _view(self, name: str) -> Reals:
         """View a field as (groups, n, width); a copy of this object has views of its own."""
         table = self._episodes.reshape(len(self._episodes), -1, self._width)
-        return table[:, episode.EPISODE_FIELDS[name]]
+        return table[:, self._fields[name]]
 
     def observed(self) -> Observations:
         """Return what the sensors observed last, (B, 9)."""

@@ -1,8 +1,8 @@
 """State that a closed loop keeps per robot between control steps, and its observations.
 
-An episode's numbers stand in a flat array of one register's robots, row r in entry r; the rows of
-the policy's own memory come after ``EPISODE_ROWS``. The functions are straight-line code for any
-scalar backend (``physics/arithmetic.py``).
+An episode's numbers stand in a flat array of one register's robots, row r in entry r; those of the
+fins come after the others, and then the rows of the policy's own memory. The functions are
+straight-line code for any scalar backend (``physics/arithmetic.py``).
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import Any
 
-from aquafish_gym.command import reckon
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
@@ -21,20 +20,13 @@ from aquafish_gym.physics.arithmetic import (
 )
 from aquafish_gym.physics.kinematics import State, has_diverged
 from aquafish_gym.physics.layout import (
-    RPY,
-    STATE_ROWS,
-    fetch_state,
     fetch_vector,
-    put_state,
     put_vector,
 )
 from aquafish_gym.sense import GYRO_RANGE, faulty, up_and_north
 
 _SIZES = {
-    "fins": 3,  # where the controller believes the fins to be, in turns
-    "gain": 3,  # by which factor it believes each servo to be faster than commanded
     "before": 3,  # where the robot was when the control step began, units
-    "action": 3,  # of the control step, in [-1, 1]
     "memory": 6,  # the task's
     "total": 1,  # the sum of the rewards
     "alive": 1,  # 1 until the robot diverges, then 0
@@ -51,10 +43,7 @@ _FIRST = list(accumulate(_SIZES.values(), initial=0))
 EPISODE_FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
 EPISODE_FIELDS["acted"] = slice(EPISODE_FIELDS["alive"].start, EPISODE_FIELDS["terms"].stop)
 # The first row of each.
-RECKONED_ROW = EPISODE_FIELDS["fins"].start
-GAIN_ROW = EPISODE_FIELDS["gain"].start
 BEFORE_ROW = EPISODE_FIELDS["before"].start
-ACTION_ROW = EPISODE_FIELDS["action"].start
 MEMORY_ROW = EPISODE_FIELDS["memory"].start
 TERMS_ROW = EPISODE_FIELDS["terms"].start
 TOTAL_ROW = EPISODE_FIELDS["total"].start
@@ -65,10 +54,22 @@ BIAS_ROW = EPISODE_FIELDS["bias"].start
 FRESH_ROW = EPISODE_FIELDS["fresh"].start
 STUCK_ROW = EPISODE_FIELDS["stuck"].start
 DROPPED_ROW = EPISODE_FIELDS["dropped"].start
-EPISODE_ROWS = _FIRST[-1]
+EPISODE_ROWS = _FIRST[-1]  # without those of the fins
 OBSERVED_CHANNELS = _SIZES["observed"]
 MEMORY_NUMBERS = _SIZES["memory"]  # of every task, so that a memory is read by index
 _FIRST_OF_GYRO = 6
+# Of each fin:
+_OF_FINS = (
+    "fins",  # where the controller believes it to be, in turns
+    "gain",  # by which factor it believes its servo to be faster than commanded
+    "action",  # of the control step, in [-1, 1]
+)
+
+
+def episode_fields(fins: int) -> dict[str, slice]:
+    """Return the rows of each field, for a number of fins."""
+    ends = range(EPISODE_ROWS, EPISODE_ROWS + (len(_OF_FINS) + 1) * fins, fins)
+    return EPISODE_FIELDS | dict(zip(_OF_FINS, map(slice, ends, ends[1:]), strict=True))
 
 
 def fetch_memory(rows: Any, like: Number) -> tuple[Number, ...]:
@@ -127,48 +128,31 @@ def sensed(
     )
 
 
-def note_action(rows: Any, action: Vector, command: Vector, position: Vector, dt: float) -> None:
-    """Store an action and its start position; dead-reckon the fin angles after it."""
-    like = action[0]
-    fins = fetch_vector(rows, RECKONED_ROW, 0, 1, like)
-    gain = fetch_vector(rows, GAIN_ROW, 0, 1, like)
-    speeds = (gain[0] * command[0], gain[1] * command[1], gain[2] * command[2])
-    put_vector(rows, RECKONED_ROW, 0, 1, reckon(fins, speeds, dt))
-    put_vector(rows, ACTION_ROW, 0, 1, action)
-    put_vector(rows, BEFORE_ROW, 0, 1, position)
-
-
 def note_divergence(rows: Any, state: State) -> None:
     """Note whether the robot diverged."""
     alive = fetch(rows, ALIVE_ROW, state.spin[0])
     put(rows, ALIVE_ROW, where_less(0.0, has_diverged(state), 0.0, alive))
 
 
-def end_action(
-    rows: Any, states: Any, group: int, groups: int, state: State, rpy: Vector, scratch: Any
-) -> None:
-    """Write the states after an action, who diverged in it, and what intact sensors observe.
-
-    Robots that diverged stay in the state before. ``scratch`` is as long as a state.
-    """
-    like = rpy[0]
-    lost = has_diverged(state)
-    put(rows, ALIVE_ROW, 1.0 - lost)
-    width = scratch.size // STATE_ROWS
+def some_diverged(rows: Any, width: int) -> bool:
+    """Return whether any of a register's robots diverged in an action."""
     alive = 0
     for lane in range(ALIVE_ROW * width, (ALIVE_ROW + 1) * width):
         alive += int(rows[lane])
-    if alive == width:  # mostly: the states before need not be read again
-        put_state(states, group, groups, state)
-        put_vector(states, RPY, group, groups, rpy)
-    else:
-        put_state(scratch, 0, 1, state)
-        put_vector(scratch, RPY, 0, 1, rpy)
-        for row in range(STATE_ROWS):
-            i = row * groups + group
-            before = fetch(states, i, like)
-            put(states, i, where_less(0.0, lost, before, fetch(scratch, row, like)))
-        state = fetch_state(states, group, groups, like)
+    return alive < width
+
+
+def kept(lost: Number, before: Vector, after: Vector) -> Vector:
+    """Return the numbers before an action of robots that diverged in it, else those after it."""
+    return (
+        where_less(0.0, lost, before[0], after[0]),
+        where_less(0.0, lost, before[1], after[1]),
+        where_less(0.0, lost, before[2], after[2]),
+    )
+
+
+def note_observation(rows: Any, state: State) -> None:
+    """Write what intact sensors observe."""
     up, north = up_and_north(state.orientation)
     for i in range(3):
         put(rows, OBSERVED_ROW + i, clip(up[i], 1.0))

@@ -1,88 +1,97 @@
 """The compiled time loop: robots side by side in vector registers, their policy included.
 
 A policy is a plain function of straight-line scalar Python that commands the servos;
-:func:`compile_kernel` compiles it, the task and the physics into one loop. An open-loop policy is
-one of ``policies.py``: so an environment's step is this loop for one action. Any other is
+:func:`compile_kernel` compiles it, the task and the physics into one loop. It is
 
     policy(weights, layout, scratch, group, groups, time, up, north, gyro, fins, way) -> action
 
 ``up`` and ``north`` (of the world, in body axes) and ``gyro`` (rad/s) are what the inertial
 measurement unit observes, ``fins`` (turns) where the policy believes its fins to be, and ``way``
-(units, body axes) leads to the goal, if the task has one. The action lies in [-1, 1]. ``weights``
-is a flat array of the scalar backend's numbers, read with ``fetch(weights, i, like)``, ``layout``
-an int64 array of the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, which
-lives through an episode, and ``time`` a plain float in seconds. Robots share the instructions of
-their vector register, so no branch may depend on lanes (branches on ``layout`` are fine). The
-robots of one register are group ``group`` of ``groups``; row r of the weights is entry
-``r * groups + group``. Functions that a policy calls must be registered with ``simd.inlined``.
+(units, body axes) leads to the goal, if the task has one. The action has a number in [-1, 1] for
+each servo. ``weights`` is a flat array of the scalar backend's numbers, read with
+``fetch(weights, i, like)``, ``layout`` an int64 array of the policy's own, ``scratch`` a flat array
+to ``put`` to and ``fetch`` from, which lives through an episode, and ``time`` a plain float in
+seconds. Robots share the instructions of their vector register, so no branch may depend on lanes
+(branches on ``layout`` are fine). The robots of one register are group ``group`` of ``groups``; row
+r of the weights is entry ``r * groups + group``. Functions that a policy calls must be registered
+with ``simd.inlined``.
 
 On plain floats the same function serves one robot: ``group`` 0 of 1.
+
+Two open loops stand in for a policy, so that an environment's step is this loop for one action:
+
+- ``PERFORM``: a series of commands, in rev/s and Hz, each held for some steps, the last to the end.
+  ``layout`` holds the number of commands, the steps that each is held, and the steps of the series
+  that passed before the first one. ``weights`` has a row for each servo of each command, in turn.
+- ``ACT``: one action. ``weights`` has the action that servos follow, which may be late, and then
+  the one that the task judges.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from aquafish_gym import command, sense
-from aquafish_gym.command import lane_servo_speeds, late_command
-from aquafish_gym.engines.compiled import episode, lag, policies, recording
+from aquafish_gym.command import servos
+from aquafish_gym.engines.compiled import episode, lag, recording
 from aquafish_gym.engines.compiled.episode import (
-    ACTION_ROW,
+    ALIVE_ROW,
     BEFORE_ROW,
     EPISODE_ROWS,
-    RECKONED_ROW,
-    end_action,
+    episode_fields,
     fetch_memory,
-    note_action,
+    kept,
     note_divergence,
+    note_observation,
     note_reward,
     put_memory,
     put_terms,
     sensed,
+    some_diverged,
 )
-from aquafish_gym.engines.compiled.lag import arrived, begin_lag, remember
-from aquafish_gym.engines.compiled.policies import OPEN_LOOP, act
+from aquafish_gym.engines.compiled.lag import arrived, begin_lag
 from aquafish_gym.engines.compiled.recording import (
     BLOCK,
     GYRO_BIT,
+    POSE_BIT,
     SPECTRUM_BIT,
     put_sample,
     write_blocks,
 )
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.arithmetic import Vector, cross, scale
+from aquafish_gym.physics.arithmetic import Number, cross, put, scale
 from aquafish_gym.physics.attitude import attitude, continue_attitude, directions
-from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
-from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import drive, rotation
-from aquafish_gym.physics.layout import (
-    CURRENT,
-    ROBOT_ROWS,
-    RPY,
-    SERVO_GAIN,
-    STATE_ROWS,
-    fetch_robot,
-    fetch_state,
-    fetch_vector,
-    put_state,
-    put_vector,
+from aquafish_gym.physics.compiling import (
+    compiled,
+    register,
+    register_functions,
+    register_module,
+    source_stamp,
 )
-from aquafish_gym.physics.reactive import step_reactive
+from aquafish_gym.physics.kinematics import has_diverged, rotation
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import CURRENT, fetch_vector, layout, put_vector
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.sense import way_to
 
-CompiledPolicy = Callable[..., Vector]
+CompiledPolicy = Callable[..., tuple[Number, ...]]
+OpenLoop = Literal["perform", "act"]
+PERFORM: OpenLoop = "perform"
+ACT: OpenLoop = "act"
 
 
-def _driven(gain: Vector, command: Vector, h: float) -> Any:
-    """Return the drive of servos that follow a command."""
-    return drive((gain[0] * command[0], gain[1] * command[1], gain[2] * command[2]), h)
+def _command_at(layout: Any, time: float) -> int:
+    """Return which command of a series holds at a time."""
+    step = math.floor(time / TIMESTEP + 0.5) + layout[2]
+    return int(min(step // layout[1], layout[0] - 1))
 
 
 def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
@@ -91,13 +100,14 @@ def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
 
 @functools.cache
 def compile_kernel(
-    policy: CompiledPolicy,
+    plan: BodyPlan,
+    policy: CompiledPolicy | OpenLoop,
     width: int,
     reactive: bool = False,
     functions: Any = None,
     late: bool = False,
 ) -> Any:
-    """Return the compiled loop for a policy at a lane width; it compiles lazily.
+    """Return the compiled loop of a plan for a policy at a lane width; it compiles lazily.
 
     ``reactive`` brings in the terms of ``physics/reactive.py``; ``functions`` are those of the
     task that a closed loop does, if any (``envs.tasks.TaskFunctions``). ``late`` is whether any
@@ -105,12 +115,11 @@ def compile_kernel(
     several threads at once.
     """
     register()
-    for module in (sys.modules[__name__], episode, lag, recording, command, policies, sense):
+    for module in (sys.modules[__name__], command, episode, lag, recording, sense):
         register_module(module)
-    register_module(sys.modules[policy.__module__])
-    simd.inlined(policy)
-    closed = policy not in OPEN_LOOP
-    acts = policy is act
+    of = law(plan)
+    closed = not isinstance(policy, str)
+    acts = policy == ACT
     judged = functions is not None
     # An action's water, goal and memory are the caller's.
     flows = closed and judged and functions.current is not None
@@ -125,8 +134,35 @@ def compile_kernel(
     for function in functions[:-1] if judged else ():  # methods of a task's class
         if function is not None:
             simd.inlined(function)
-    stamp = source_stamp(compile_kernel, policy, rewards)
-    swim = step_reactive if reactive else step
+    stamped: list[Any] = [compile_kernel, rewards]
+    command_of: Any = _no_function
+    if not isinstance(policy, str):
+        register_module(sys.modules[policy.__module__])
+        simd.inlined(policy)
+        stamped.append(policy)
+        command_of = policy
+    stamp = source_stamp(*stamped) + plan.to_json()
+    swim = of.step_reactive if reactive else of.step
+    driven = of.driven
+    joint_angles = of.joint_angles
+    choose = of.choose
+    fetch_robot = of.fetch_robot
+    fetch_state = of.fetch_state
+    fetch_fins = of.fetch_fins
+    put_state = of.put_state
+    put_fins = of.put_fins
+    servo_speeds, lane_servo_speeds, late_command, reckon = servos(plan)
+    register_functions(
+        swim, driven, joint_angles, choose, fetch_robot, fetch_state, fetch_fins, put_state,
+        put_fins, servo_speeds, lane_servo_speeds, late_command, reckon,
+    )  # fmt: skip
+    tables, fins = layout(plan), len(plan.fins)
+    robot_rows, first_of_rpy = tables.robot_rows, tables.rpy.start
+    first_of_gain, row_of_lag = tables.servo_gain.start, tables.servo_lag
+    reckoned_row, gain_row, action_row = (
+        episode_fields(fins)[name].start for name in ("fins", "gain", "action")
+    )
+    episode_rows = EPISODE_ROWS + 3 * fins
 
     def kernel(
         parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
@@ -137,34 +173,35 @@ def compile_kernel(
         first_step, steps, substeps, interval, phase = clock
         logs, spectra, roots, unit = output
         zero = simd.zero_lanes(parameters, width)
-        groups = parameters.size // (ROBOT_ROWS * width)
+        groups = parameters.size // (robot_rows * width)
         blocks = (
             np.empty(3 * BLOCK * width, parameters.dtype),
             np.empty(3 * BLOCK * width, parameters.dtype),
-            np.empty(10 * BLOCK * width, parameters.dtype),
+            np.empty((7 + fins) * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
         lag_steps = np.empty(width if late else 0, parameters.dtype)
-        scratch = np.empty(3 * width if late else 0, parameters.dtype)
-        latest = np.empty(STATE_ROWS * width if acts else 0, parameters.dtype)
+        scratch = np.empty(fins * width if late else 0, parameters.dtype)
         rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
         dt = interval * TIMESTEP
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
-            state = fetch_state(states, group, groups, zero)
-            rpy = fetch_vector(states, RPY, group, groups, zero)
+            state = fetch_state(states, 0, group, groups, zero)
+            rpy = fetch_vector(states, first_of_rpy, group, groups, zero)
             current = fetch_vector(conditions, CURRENT, group, groups, zero)
-            gain = fetch_vector(conditions, SERVO_GAIN, group, groups, zero)
+            gain = fetch_fins(conditions, first_of_gain, group, groups, zero)
             rows, noise = episodes[group], noises[group]
             start = state.position
             if late:
-                share = begin_lag(conditions, group, groups, lag_steps, zero)
-                older = arrived(given[group], lag_steps, scratch, first_step - 1, zero)
-                depth = given[group].size // (3 * width)
-            speeds = (zero, zero, zero)
-            if closed:  # that of an action which goes on from the call before
-                speeds = lane_servo_speeds(fetch_vector(rows, ACTION_ROW, 0, 1, zero))
-            by = _driven(gain, speeds, h)
+                share = begin_lag(conditions, row_of_lag * groups + group, lag_steps, zero)
+                arrived(given[group], lag_steps, scratch, first_step - 1, fins)
+                older = fetch_fins(scratch, 0, 0, 1, zero)
+                depth = given[group].size // (fins * width)
+            if closed:  # those of an action which goes on from the call before
+                speeds = lane_servo_speeds(fetch_fins(rows, action_row, 0, 1, zero))
+            else:
+                speeds = fetch_fins(weights, 0, group, groups, zero)
+            by = driven(gain, speeds, h)
             in_block = 0
             elapsed = phase
             commanded_at = 0
@@ -186,23 +223,31 @@ def compile_kernel(
                             rows, noise, broken, (first_step + t) // interval, t < interval,
                             up, north, state.spin,
                         )  # fmt: skip
-                        fins = fetch_vector(rows, RECKONED_ROW, 0, 1, zero)
-                        action = policy(
-                            weights, layout, rows[EPISODE_ROWS * width :], group, groups, time,
-                            up, north, gyro, fins, way,
+                        angles = fetch_fins(rows, reckoned_row, 0, 1, zero)
+                        action = command_of(
+                            weights, layout, rows[episode_rows * width :], group, groups, time,
+                            up, north, gyro, angles, way,
                         )  # fmt: skip
                         speeds = lane_servo_speeds(action)
-                        note_action(rows, action, speeds, state.position, dt)
+                        believed = fetch_fins(rows, gain_row, 0, 1, zero)
+                        angles = reckon(angles, believed, speeds, dt)
+                        put_fins(rows, reckoned_row, 0, 1, angles)
+                        put_fins(rows, action_row, 0, 1, action)
+                        put_vector(rows, BEFORE_ROW, 0, 1, state.position)
+                    elif acts:
+                        speeds = servo_speeds(fetch_fins(weights, 0, group, groups, zero))
                     else:
-                        speeds = policy(weights, layout, group, groups, time, zero)
+                        row = fins * _command_at(layout, time)
+                        speeds = fetch_fins(weights, row, group, groups, zero)
                     if not late:
-                        by = _driven(gain, speeds, h)
+                        by = driven(gain, speeds, h)
                 # ... which may be late (they are steady once all have followed it), ...
                 if late:
-                    remember(given[group], first_step + t, speeds, width)
+                    put_fins(given[group], fins * ((first_step + t) % depth), 0, 1, speeds)
                     if t - commanded_at < depth:
-                        newer = arrived(given[group], lag_steps, scratch, first_step + t, zero)
-                        by = _driven(gain, late_command(older, newer, share), h)
+                        arrived(given[group], lag_steps, scratch, first_step + t, fins)
+                        newer = fetch_fins(scratch, 0, 0, 1, zero)
+                        by = driven(gain, late_command(older, newer, share), h)
                         older = newer
                 # ... the robot swims, ...
                 for _ in range(substeps):
@@ -221,7 +266,7 @@ def compile_kernel(
                         fetch_vector(rows, BEFORE_ROW, 0, 1, zero),
                         state.position,
                         state.orientation,
-                        fetch_vector(rows, ACTION_ROW, 0, 1, zero),
+                        fetch_fins(rows, action_row, 0, 1, zero),
                         memory,
                         dt,
                     )
@@ -233,6 +278,8 @@ def compile_kernel(
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
                 elif record:
                     put_sample(blocks, record, in_block, rpy, state)
+                    if record & POSE_BIT:
+                        put_fins(blocks[2], 7, in_block, BLOCK, joint_angles(state.joints))
                     in_block += 1
                     if in_block == BLOCK or t == steps - 1:
                         write_blocks(blocks, logs, record, t + 1 - in_block, in_block, group, zero)
@@ -242,20 +289,26 @@ def compile_kernel(
             if rates_only:
                 rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             if acts:
-                end_action(rows, states, group, groups, state, rpy, latest)
+                # A robot that diverged stays in the state before the action.
+                lost = has_diverged(state)
+                put(rows, ALIVE_ROW, 1.0 - lost)
+                if some_diverged(rows, width):
+                    state = choose(lost, fetch_state(states, 0, group, groups, zero), state)
+                    before = fetch_vector(states, first_of_rpy, group, groups, zero)
+                    rpy = kept(lost, before, rpy)
+                note_observation(rows, state)
                 if judged:
                     done = make_step(
                         start,
                         state.position,
                         state.orientation,
-                        fetch_vector(weights, 3, group, groups, zero),
+                        fetch_fins(weights, fins, group, groups, zero),
                         fetch_memory(rows, zero),
                         dt,
                     )
                     put_terms(rows, rewards(task, done), zero)
-            else:
-                put_state(states, group, groups, state)
-                put_vector(states, RPY, group, groups, rpy)
+            put_state(states, 0, group, groups, state)
+            put_vector(states, first_of_rpy, group, groups, rpy)
             if flows:
                 put_vector(conditions, CURRENT, group, groups, current)
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.command import lag_parts
-from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
-from aquafish_gym.physics.layout import SERVO_LAG, fetch_vector, put_vector
+from aquafish_gym.physics.arithmetic import Number, fetch, put
 from aquafish_gym.utils.array_types import Floats, Reals
 
 
@@ -22,10 +21,11 @@ class GivenCommands:
     Attributes
     ----------
     table
-        What the kernel takes of it: (groups, D x 3 x width), D being 0 as long as no robot is late.
+        What the kernel takes of it: (groups, D x F x width), D being 0 as long as no robot is late.
     """
 
-    def __init__(self, batch: int, width: int, dtype: type[np.floating]) -> None:
+    def __init__(self, batch: int, fins: int, width: int, dtype: type[np.floating]) -> None:
+        self._fins = fins
         robots = np.arange(batch)
         self._group, self._lane = divmod(robots, width)
         self._width = width
@@ -34,14 +34,14 @@ class GivenCommands:
     @property
     def depth(self) -> int:
         """For how many steps commands are remembered, the present one included."""
-        return int(self.table.shape[1]) // (3 * self._width)
+        return int(self.table.shape[1]) // (self._fins * self._width)
 
     def extend(self, depth: int, steps_done: int) -> None:
         """Remember the commands of at least ``depth`` steps, from now on."""
         before = self._entries()
         if depth <= len(before):
             return
-        self.table = np.zeros((len(self.table), depth * 3 * self._width), self.table.dtype)
+        self.table = np.zeros((len(self.table), depth * self._fins * self._width), self.table.dtype)
         last = steps_done - 1 - np.arange(len(before))
         self._entries()[last % depth] = before[last % max(len(before), 1)]
 
@@ -50,40 +50,33 @@ class GivenCommands:
         self._entries()[:, :, self._group[rows], self._lane[rows]] = 0.0
 
     def put(self, commands: Floats) -> None:
-        """Set the commands (B, D, 3) of the last D steps before step 0."""
+        """Set the commands (B, D, F) of the last D steps before step 0."""
         self._entries()[:, :, self._group, self._lane] = commands.transpose(1, 2, 0)
 
     def _entries(self) -> Reals:
-        """View the table as (D, 3, groups, width)."""
+        """View the table as (D, F, groups, width)."""
         groups = len(self.table)
-        view: Reals = self.table.reshape(groups, self.depth, 3, self._width).transpose(1, 2, 0, 3)
+        shape = (groups, self.depth, self._fins, self._width)
+        view: Reals = self.table.reshape(shape).transpose(1, 2, 0, 3)
         return view
 
 
-def begin_lag(conditions: Any, group: int, groups: int, lag_steps: Any, like: Number) -> Number:
+def begin_lag(conditions: Any, entry: int, lag_steps: Any, like: Number) -> Number:
     """Note the lags (width,) of a register's robots; return the shares of newer commands."""
-    found, share = lag_parts(fetch(conditions, SERVO_LAG * groups + group, like))
+    found, share = lag_parts(fetch(conditions, entry, like))
     put(lag_steps, 0, found)
     return share
 
 
-def remember(given: Any, step: int, command: Vector, width: int) -> None:
-    """Let a register's robots remember the command of a step."""
-    depth = given.size // (3 * width)
-    put_vector(given, 3 * (step % depth), 0, 1, command)
-
-
-def arrived(given: Any, lag_steps: Any, scratch: Any, step: int, like: Number) -> Vector:
-    """Return what each robot of a register was commanded its lag before a step."""
+def arrived(given: Any, lag_steps: Any, found: Any, step: int, fins: int) -> None:
+    """Find what each robot of a register was commanded its lag before a step: a number a fin."""
     width = lag_steps.size
-    depth = given.size // (3 * width)
+    depth = given.size // (fins * width)
     now = step % depth
     for lane in range(width):
         entry = now - int(lag_steps[lane])
         if entry < 0:
             entry += depth
-        first = 3 * entry * width + lane
-        scratch[lane] = given[first]
-        scratch[lane + width] = given[first + width]
-        scratch[lane + 2 * width] = given[first + 2 * width]
-    return fetch_vector(scratch, 0, 0, 1, like)
+        first = fins * entry * width + lane
+        for fin in range(fins):
+            found[lane + fin * width] = given[first + fin * width]

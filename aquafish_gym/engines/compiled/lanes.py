@@ -13,9 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
-from aquafish_gym.engines.compiled.kernel import CompiledPolicy, compile_kernel
+from aquafish_gym.engines.compiled.kernel import (
+    ACT,
+    PERFORM,
+    CompiledPolicy,
+    OpenLoop,
+    compile_kernel,
+)
 from aquafish_gym.engines.compiled.lag import GivenCommands
-from aquafish_gym.engines.compiled.policies import act, hold, perform
 from aquafish_gym.engines.compiled.recording import (
     GYRO_BIT,
     POSE_BIT,
@@ -33,18 +38,9 @@ from aquafish_gym.engines.worlds import (
     remembered_steps,
 )
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import check_compiler
-from aquafish_gym.physics.layout import (
-    CONDITION_ROWS,
-    CURRENT,
-    ROBOT_ROWS,
-    SERVO_GAIN,
-    STATE_ROWS,
-    condition_rows,
-    robot_parameters,
-    start_rows,
-)
+from aquafish_gym.physics.kinematics import Numbers
+from aquafish_gym.physics.layout import CURRENT, layout
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Observations, Reals
@@ -58,7 +54,8 @@ _RECORDS = {
     "attitude": RPY_BIT | GYRO_BIT,
     "pose": RPY_BIT | GYRO_BIT | POSE_BIT,
 }
-_NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
+# One command, which is held.
+_HELD: NDArray[np.int64] = np.array([1, 1, 0])
 # Steps of a group that are worth a thread, 0.06 ms of work: it takes 0.04 ms to wake.
 _WORTH_A_THREAD = 300
 
@@ -97,9 +94,10 @@ class LaneBatch(Swimmers):
 
     ``width`` is how many robots share a register; None takes what the machine has. No result
     depends on it. A trial that begins in mid-series has ``rates`` of the joints at the start,
-    (B, 3) in rad/s, and commands (B, D, 3) that were ``given`` in the D steps before. Robots begin
-    in ``states``, (25, B) or (25, 1), if these are not None; else as the scenario says, which
-    raises InvalidArgumentError if the angle of a dead servo's fin has not been drawn.
+    (B, F) in rad/s, and commands (B, D, F) that were ``given`` in the D steps before. Robots begin
+    in ``states``, (N, B) or (N, 1) of the plan's ``layout``, if these are not None; else as the
+    scenario says, which raises InvalidArgumentError if the angle of a dead servo's fin has not been
+    drawn.
     """
 
     def __init__(
@@ -109,12 +107,14 @@ class LaneBatch(Swimmers):
         substeps: int = 1,
         threads: int | None = None,
         width: int | None = None,
-        rates: ArrayLike = (0.0, 0.0, 0.0),
+        rates: ArrayLike = 0.0,
         given: Floats | None = None,
         states: Floats | None = None,
     ) -> None:
         check_compiler()
         self.batch = len(scenario)
+        self.plan = scenario.plan
+        self.layout = layout(scenario.plan)
         self.dtype = dtype
         self._dtype_name = np.dtype(dtype).name
         self.width = width or lane_width(dtype)
@@ -131,14 +131,14 @@ class LaneBatch(Swimmers):
         pack = functools.partial(pack_rows, dtype=dtype, width=self.width)
         robots = scenario.beginning
         # One table after the other: each is packed while the cache holds it.
-        self._parameters = pack(robot_parameters(robots.body, robots.drag, robots.fin_density))
+        self._parameters = pack(self.layout.robots(robots.body, robots.drag, robots.fin_density))
         self._conditions = pack(_conditions(robots))
         begun = _states(scenario, rates) if states is None else states
-        self._states = pack(np.broadcast_to(begun, (STATE_ROWS, self.batch)))
-        self._commands = pack(np.zeros((3, self.batch)))
+        self._states = pack(np.broadcast_to(begun, (self.layout.state_rows, self.batch)))
+        self._commands = pack(np.zeros((len(self.plan.fins), self.batch)))
         self._everyone = np.arange(self.batch)
         self._longest_lag = longest_lags(scenario).copy()
-        self._given = GivenCommands(self.batch, self.width, dtype)
+        self._given = GivenCommands(self.batch, len(self.plan.fins), self.width, dtype)
         self._remember()
         if given is not None and self._given.depth:
             self._given.put(given[:, -self._given.depth :])
@@ -162,56 +162,60 @@ class LaneBatch(Swimmers):
         """
         rows = self._everyone if rows is None else rows
         check_lags(scenario, self._longest_lag[rows])
-        parameters = robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
-        self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
-        first = SERVO_GAIN if keep_current else CURRENT
-        self._table(self._conditions, CONDITION_ROWS)[first:, rows] = _conditions(scenario)[first:]
+        tables = self.layout
+        parameters = tables.robots(scenario.body, scenario.drag, scenario.fin_density)
+        self._table(self._parameters, tables.robot_rows)[:, rows] = parameters
+        first = tables.servo_gain.start if keep_current else CURRENT
+        conditions = self._table(self._conditions, tables.condition_rows)
+        conditions[first:, rows] = _conditions(scenario)[first:]
 
     def set_current(self, current: Floats) -> None:
         """Set the velocity of the water (B, 3) from now on, units/s in the world."""
-        self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = current.T
+        conditions = self._table(self._conditions, self.layout.condition_rows)
+        conditions[CURRENT : CURRENT + 3] = current.T
 
     def advance(self, command: Floats, steps: int = 1) -> None:
-        """Hold commands (B, 3), in rev/s, rev/s and Hz, for some steps of 0.01 s."""
+        """Hold commands (B, F), in rev/s or Hz, for some steps of 0.01 s."""
         self._check_commands(command)
-        self._table(self._commands, 3)[:] = command.T
+        self._table(self._commands, len(self.plan.fins))[:] = command.T
         output = self._without_spectra(self._logs())
-        self._run(hold, (self._commands, _NO_LAYOUT), steps, (steps, 0), output, 0)
+        self._run(PERFORM, (self._commands, _HELD), steps, (steps, 0), output, 0)
 
     def act(
         self,
         action: Floats,
-        followed: Vector,
+        followed: Numbers,
         steps: int = 1,
         task: Any = None,
         memory: Floats | None = None,
     ) -> tuple[Flags, Observations, list[Floats] | None]:
         if self._step is None:
-            self._step = ClosedLoop(self.batch, self.width, self.dtype, 0)
-            self._actions = pack_rows(np.zeros((6, self.batch)), self.dtype, self.width)
+            self._step = ClosedLoop(self.batch, len(self.plan.fins), self.width, self.dtype, 0)
+            none = np.zeros((2 * len(self.plan.fins), self.batch))
+            self._actions = pack_rows(none, self.dtype, self.width)
         loop = self._step
-        table = self._table(self._actions, 6)
-        table[:3] = followed
-        table[3:] = action
+        table = self._table(self._actions, 2 * len(self.plan.fins))
+        table[: len(followed)] = followed
+        table[len(followed) :] = action
         loop.functions, loop.task = task or (None, ())
         if memory is not None and memory.size:
             loop.set_memory(memory)
         output = self._without_spectra(self._logs())
-        self._run(act, (self._actions, _NO_LAYOUT), steps, (steps, 0), output, 0, loop)
+        self._run(ACT, (self._actions, _HELD), steps, (steps, 0), output, 0, loop)
         alive, *terms = loop["acted"]
         return alive == 0.0, loop.observed(), None if task is None else terms
 
     @property
     def diverged(self) -> Flags:
         """Which robots (B,) ran away or left the finite numbers."""
-        return diverged_states(self.states)
+        return diverged_states(self.layout.state(self.states))
 
     def log(
         self, commands: Floats, steps: int, record: str, interval: int = 1, begun: int = 0
     ) -> ImuLog:
-        """Hold commands (B, 3) for ``steps``; return the log of ``record``, as of ``simulate``.
+        """Hold commands (B, F) for ``steps``; return the log of ``record``, as of ``simulate``.
 
-        Or perform a series of them, (B, K, 3), each for ``interval`` steps and the last to the end,
+        Or perform a series of them, (B, K, F), each for ``interval`` steps and the last to the end,
         which began ``begun`` steps before this batch did. What is not recorded is None in the log.
         If the gyroscope alone is, the attitude is computed at the end only: the angles of
         ``states`` may then differ from a log's by whole turns.
@@ -219,13 +223,11 @@ class LaneBatch(Swimmers):
         series = commands[:, None] if commands.ndim == 2 else commands
         program = (self._pack_commands(series), np.array([series.shape[1], interval, begun]))
         asking = (interval, (begun + self.steps_done) % interval)
-        policy: CompiledPolicy = perform
         if series.shape[1] == 1:
-            policy = hold
             asking = (steps, 0)
         bits = _RECORDS[record]
         logs = self._logs(steps, bits)
-        self._run(policy, program, steps, asking, self._without_spectra(logs), bits)
+        self._run(PERFORM, program, steps, asking, self._without_spectra(logs), bits)
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
             rpy=rpy if bits & RPY_BIT and record != "gyro" else None,
@@ -251,7 +253,7 @@ class LaneBatch(Swimmers):
         self._run(policy, (weights, layout), steps, asking, output, 0, loop)
 
     def spectra(self, commands: Floats, steps: int, scale: float = 1.0) -> Reals:
-        """Hold commands (B, 3) for ``steps``, a power of two; return the spectra of the gyroscope.
+        """Hold commands (B, F) for ``steps``, a power of two; return the spectra of the gyroscope.
 
         They are (B, 2, F') as in ``spectrum.py``, of ``scale`` times the rad/s about x, y and z.
         The attitude is computed only at the end, as in :meth:`log`. Spectra of robots that diverged
@@ -265,15 +267,16 @@ class LaneBatch(Swimmers):
         if steps < 4 or steps & (steps - 1):
             raise InvalidArgumentError(f"steps must be a power of two of at least 4; got {steps}")
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
-        program = (self._pack_commands(commands), _NO_LAYOUT)
+        program = (self._pack_commands(commands), _HELD)
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
-        self._run(hold, program, steps, (steps, 0), output, SPECTRUM_BIT)
+        self._run(PERFORM, program, steps, (steps, 0), output, SPECTRUM_BIT)
         return spectra[: self.batch]
 
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Reals, ...]:
+        counts = RECORDED_CHANNELS | {POSE_BIT: RECORDED_CHANNELS[POSE_BIT] + len(self.plan.fins)}
         return tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for bit, n in RECORDED_CHANNELS.items()
+            for bit, n in counts.items()
         )
 
     def _without_spectra(self, logs: tuple[Reals, ...]) -> Any:
@@ -300,7 +303,7 @@ class LaneBatch(Swimmers):
 
     def _run(
         self,
-        policy: CompiledPolicy,
+        policy: CompiledPolicy | OpenLoop,
         program: Any,
         steps: int,
         asking: tuple[int, int],
@@ -315,7 +318,7 @@ class LaneBatch(Swimmers):
         """
         functions, task = (loop.functions, loop.task) if loop else (None, ())
         late = self._given.depth > 0
-        kernel = compile_kernel(policy, self.width, self.reactive, functions, late)
+        kernel = compile_kernel(self.plan, policy, self.width, self.reactive, functions, late)
         program = (*program, *(loop.program if loop else self._no_loop))
         h = TIMESTEP / self.substeps
         clock = (self.steps_done, steps, self.substeps, *asking)
@@ -345,11 +348,11 @@ class LaneBatch(Swimmers):
 
     @property
     def states(self) -> Reals:
-        """The states (25, B) themselves: those of ``State``, then roll, pitch and yaw.
+        """The states (N, B) themselves: the rows of ``layout``.
 
         What is written to them is where the robots swim on.
         """
-        return self._table(self._states, STATE_ROWS)
+        return self._table(self._states, self.layout.state_rows)
 
     def close(self) -> None:
         """Do nothing: lanes hold memory alone."""
@@ -362,9 +365,10 @@ class LaneBatch(Swimmers):
 
 def _conditions(scenario: Scenario) -> Floats:
     lag = scenario.servo_lag / TIMESTEP
-    return condition_rows(scenario.current, scenario.servo_gain, lag)
+    return layout(scenario.plan).conditions(scenario.current, scenario.servo_gain, lag)
 
 
-def _states(scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+def _states(scenario: Scenario, rates: ArrayLike = 0.0) -> Floats:
     scenario.check_angles()
-    return start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates)
+    start = layout(scenario.plan).start
+    return start(scenario.fin_angles, scenario.velocity, scenario.spin, rates)

@@ -10,7 +10,7 @@ from typing import Any
 
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, Vector, put
-from aquafish_gym.physics.kinematics import State, joint_angles
+from aquafish_gym.physics.kinematics import State
 from aquafish_gym.physics.layout import put_vector
 
 BLOCK = 16  # samples
@@ -22,12 +22,12 @@ RPY_BIT = 1
 GYRO_BIT = 2
 POSE_BIT = 4
 SPECTRUM_BIT = 8
-# The channels of each log, in the order of the logs.
-RECORDED_CHANNELS = {RPY_BIT: 3, GYRO_BIT: 3, POSE_BIT: 10}
+# The channels of each log, in the order of the logs; an angle for each fin follows the pose's.
+RECORDED_CHANNELS = {RPY_BIT: 3, GYRO_BIT: 3, POSE_BIT: 7}
 
 
 def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> None:
-    """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose."""
+    """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose without fins."""
     if record & RPY_BIT:
         put_vector(blocks[0], 0, at, BLOCK, rpy)
     if record & GYRO_BIT:
@@ -37,7 +37,6 @@ def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> 
         put_vector(blocks[2], 0, at, BLOCK, state.position)
         put_vector(blocks[2], 3, at, BLOCK, (q[0], q[1], q[2]))
         put(blocks[2], 6 * BLOCK + at, q[3])
-        put_vector(blocks[2], 7, at, BLOCK, joint_angles(state))
 
 
 def write_blocks(

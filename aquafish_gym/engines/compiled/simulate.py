@@ -8,7 +8,6 @@ from aquafish_gym.command import lag_parts, late_command
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.worlds import longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog, join_logs
-from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -26,7 +25,7 @@ def simulate_lanes(
 ) -> ImuLog:
     """Simulate a scenario with the compiled engine; see :func:`aquafish_gym.simulate`."""
     given = None
-    rates = np.zeros((len(scenario), 3))
+    rates = np.zeros(scenario.fin_angles.shape)
     if begun:
         given = _given_before(scenario, commands, interval, begun)
         rates = _joint_rates(scenario, given, TIMESTEP / substeps)
@@ -40,8 +39,8 @@ def simulate_lanes(
 
 
 def _given_before(scenario: Scenario, commands: Floats, interval: int, begun: int) -> Floats:
-    """Return the last commands of a series (B, D, 3) of which ``begun`` steps have passed."""
-    series = commands.reshape(len(scenario), -1, 3)
+    """Return the last commands of a series (B, D, F) of which ``begun`` steps have passed."""
+    series = commands.reshape(len(scenario), -1, commands.shape[-1])
     depth = remembered_steps(float(longest_lags(scenario).max(initial=0.0)))
     steps = np.arange(begun - depth, begun)
     given = series[:, np.clip(steps // interval, 0, series.shape[1] - 1)]
@@ -58,6 +57,8 @@ def _joint_rates(scenario: Scenario, given: Floats, h: float) -> Floats:
     older_command, newer_command = (given[robots, at].T for at in (newer - 1, newer))
     followed = np.array(late_command(tuple(older_command), tuple(newer_command), share)).T
     rates: Floats = 2.0 * np.pi * (robot.servo_gain * followed)
-    phase = scenario.fin_angles[:, 2]
-    rates[:, 2] = SWEEP * (np.sin(phase) - np.sin(phase - rates[:, 2] * h)) / h
+    for i, fin in enumerate(scenario.plan.fins):
+        if not fin.turns:
+            phase = scenario.fin_angles[:, i]
+            rates[:, i] = fin.sweep * (np.sin(phase) - np.sin(phase - rates[:, i] * h)) / h
     return rates

@@ -13,55 +13,45 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.engines.worlds import World
-from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.compiling import compiled, register, source_stamp
-from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import State, drive, has_diverged
-from aquafish_gym.physics.layout import (
-    ROBOT_ROWS,
-    STATE_NUMBERS,
-    angles_of_rows,
-    fetch_robot,
-    fetch_state,
-    fetch_vector,
-    put_state,
-    robot_parameters,
-    start_rows,
-    state_from_numbers,
-)
-from aquafish_gym.physics.reactive import step_reactive
+from aquafish_gym.physics.compiling import compiled, register, register_functions, source_stamp
+from aquafish_gym.physics.kinematics import Numbers, State, has_diverged
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import fetch_vector, layout, state_of
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 
-# Where things stand in the array: the state, the robot, and the current.
-STATE_ENTRIES = slice(0, STATE_NUMBERS)
-ROBOT_ENTRIES = slice(STATE_ENTRIES.stop, STATE_ENTRIES.stop + ROBOT_ROWS)
-CURRENT_ENTRIES = slice(ROBOT_ENTRIES.stop, ROBOT_ENTRIES.stop + 3)
-TOTAL_NUMBERS = CURRENT_ENTRIES.stop
-
-_FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT_ENTRIES.start, CURRENT_ENTRIES.start
-
 
 @functools.cache
-def compile_single(reactive: bool = False) -> Any:
-    """Return the compiled loop; compilation itself is lazy.
+def compile_single(plan: BodyPlan, reactive: bool = False) -> Any:
+    """Return the compiled loop of a plan; compilation itself is lazy.
 
-    It is ``(v, left, right, caudal, steps, h) -> well``: hold a command (rev/s, rev/s, Hz) for
-    some steps of ``h`` seconds; return whether the robot has not diverged.
+    It is ``(v, command, steps, h) -> well``: hold a command (rev/s or Hz, already times the gains)
+    for some steps of ``h`` seconds; return whether the robot has not diverged. ``v`` is the whole
+    robot: its state, its rows, and the current.
     """
     register()
-    stamp = source_stamp(compile_single)
-    swim = step_reactive if reactive else step
+    stamp = source_stamp(compile_single) + plan.to_json()
+    of = law(plan)
+    swim = of.step_reactive if reactive else of.step
+    driven = of.driven
+    fetch_robot = of.fetch_robot
+    fetch_state = of.fetch_state
+    put_state = of.put_state
+    register_functions(swim, driven, fetch_robot, fetch_state, put_state)
+    first_of_robot = layout(plan).state_numbers
+    first_of_current = first_of_robot + layout(plan).robot_rows
+    whole = (1.0,) * len(plan.fins)
 
-    def advance(v: Any, left: float, right: float, caudal: float, steps: int, h: float) -> bool:
+    def advance(v: Any, command: Any, steps: int, h: float) -> bool:
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
-        robot = fetch_robot(v, _FIRST_OF_ROBOT, 0, 1, 0.0)
-        current = fetch_vector(v, _FIRST_OF_CURRENT, 0, 1, 0.0)
-        by = drive((left, right, caudal), h)
-        state = fetch_state(v, 0, 1, 0.0)
+        robot = fetch_robot(v, first_of_robot, 0, 1, 0.0)
+        current = fetch_vector(v, first_of_current, 0, 1, 0.0)
+        by = driven(whole, command, h)
+        state = fetch_state(v, 0, 0, 1, 0.0)
         for _ in range(steps):
             state = swim(robot, state, by, current, h)
-        put_state(v, 0, 1, state)
+        put_state(v, 0, 0, 1, state)
         return bool(has_diverged(state) == 0.0)
 
     # Division by zero is infinity, as in the lanes, and no exception.
@@ -76,42 +66,44 @@ class CompiledWorld(World):
 
     def __init__(self, substeps: int = 1) -> None:
         self._substeps = substeps
-        # The whole robot. No views of it are kept: a copy's would show the original.
-        self._numbers = np.zeros(TOTAL_NUMBERS)
-        self._gains = (1.0, 1.0, 1.0)
         self._reactive = False
 
     def _start(self, scenario: Scenario) -> None:
-        start = start_rows(scenario.fin_angles, scenario.velocity, scenario.spin)
-        self._numbers[STATE_ENTRIES] = start[STATE_ENTRIES, 0]
+        self._plan = scenario.plan
+        tables = layout(scenario.plan)
+        numbers, robot = tables.state_numbers, tables.robot_rows
+        # The whole robot. No views of it are kept: a copy's would show the original.
+        self._numbers = np.zeros(numbers + robot + 3)
+        self._state = slice(0, numbers)
+        self._robot = slice(numbers, numbers + robot)
+        self._current = slice(self._robot.stop, None)
+        start = tables.start(scenario.fin_angles, scenario.velocity, scenario.spin)
+        self._numbers[self._state] = start[self._state, 0]
         self._reactive = scenario.reactive
         self.diverged = False
         self._update(scenario)
 
     def _update(self, scenario: Scenario) -> None:
-        self._numbers[ROBOT_ENTRIES] = robot_parameters(
-            scenario.body, scenario.drag, scenario.fin_density
-        )[:, 0]
-        self._numbers[CURRENT_ENTRIES] = scenario.current[0]
-        left, right, caudal = scenario.servo_gain[0].tolist()
-        self._gains = (left, right, caudal)
+        robots = layout(scenario.plan).robots(scenario.body, scenario.drag, scenario.fin_density)
+        self._numbers[self._robot] = robots[:, 0]
+        self._numbers[self._current] = scenario.current[0]
+        self._gains: Numbers = tuple(scenario.servo_gain[0].tolist())
 
     def set_current(self, current: Triple) -> None:
-        self._numbers[CURRENT_ENTRIES] = current
+        self._numbers[self._current] = current
 
-    def _swim(self, command: Vector, steps: int) -> None:
-        (left, right, caudal), (a, b, c) = command, self._gains
-        swim = compile_single(self._reactive)
+    def _swim(self, command: Numbers, steps: int) -> None:
+        followed = tuple(gain * x for gain, x in zip(self._gains, command, strict=True))
+        swim = compile_single(self._plan, self._reactive)
         h, count = TIMESTEP / self._substeps, steps * self._substeps
-        self.diverged = not swim(self._numbers, a * left, b * right, c * caudal, count, h)
+        self.diverged = not swim(self._numbers, followed, count, h)
 
     def state(self) -> State:
-        return state_from_numbers(self._numbers.tolist())
+        return state_of(self._numbers[self._state].tolist())
 
     @property
-    def fin_angles(self) -> Vector:
-        left, right, phase = angles_of_rows(self._numbers).tolist()
-        return (left, right, phase)
+    def fin_angles(self) -> Numbers:
+        return tuple(layout(self._plan).angles(self._numbers).tolist())
 
     def close(self) -> None:
         """Do nothing: there is nothing to free."""

@@ -11,7 +11,8 @@ import pytest
 
 from aquafish_gym import simulate
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from eea import (
     ConfigurationError,
     EngineTarget,
@@ -95,7 +96,9 @@ def test_one_line_finds_the_body_and_how_sure_it_is(estimate):
     assert np.array_equal(bodies, estimate.sample(7, seed=3))
     assert not np.array_equal(bodies, estimate.sample(7, seed=4))
     sizes, others = posterior_figure(estimate).axes
-    assert [label.get_text() for label in sizes.get_yticklabels()] == [d.name for d in DIMENSIONS]
+    assert [label.get_text() for label in sizes.get_yticklabels()] == [
+        d.name for d in AQUAFISH.dimensions
+    ]
     assert len(others.get_yticklabels()) == 10
 
 

@@ -12,7 +12,7 @@ from scipy.stats import kstest
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
@@ -43,7 +43,7 @@ def test_a_body_is_known_from_swimming_alone(known):
     assert known.objective_fitness > 0.98
     assert known.belief.good
     low, high = known.belief.branches[0].posterior.interval(0.9)
-    shares = BODY.to_array() / MAXIMA
+    shares = BODY.to_array() / AQUAFISH.maxima
     assert ((low[:9] <= shares) & (shares <= high[:9])).sum() >= 6
     low, high = known.interval(0.9)
     assert ((low <= BODY.to_array()) & (BODY.to_array() <= high)).sum() >= 6
@@ -164,7 +164,7 @@ QUICK = FitConfig(bodies=12, descents=3, polished=1)
 def broken_swim(damage, actions=25, noise=NOISE, seed=0):
     """Return what a robot feels 5 times a second from its damage on, and itself."""
     rng = np.random.default_rng(seed)
-    commands = scale_action(rng.uniform(-1.0, 1.0, (BEFORE + actions, 3)))
+    commands = scale_action(AQUAFISH, rng.uniform(-1.0, 1.0, (BEFORE + actions, 3)))
     robot = Damage.parse(damage).edit(Scenario.create())
     lanes = LaneBatch(Scenario.create(fin_angles=FINS), np.float64, threads=1)
     for command in commands[:BEFORE]:
@@ -260,7 +260,7 @@ def test_a_log_of_an_environment_is_understood():
     for _ in range(25):
         actions.append(rng.uniform(-1.0, 1.0, 3).astype(np.float32))
         gyro.append(env.step(actions[-1])[0][6:9])
-    commands = scale_action([*actions, actions[-1]])
+    commands = scale_action(AQUAFISH, [*actions, actions[-1]])
     log = SwimLog(DT * np.arange(26), np.array(gyro), commands)
     found = infer_changes(log, KNOWN, QUICK, threads=1)
     assert found.branches[0].hypothesis.name == UNCHANGED.name

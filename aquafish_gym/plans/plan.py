@@ -1,0 +1,427 @@
+"""A body plan: a hull, and the fins on it. What differs from fish to fish is stated here alone.
+
+Axes are the body's: x to the right, y forward along the hull, z up; the origin is the hull's
+centre. A unit of length is 5 cm and water has density 1.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    one_of,
+    parse_json,
+    sequence,
+)
+
+Point = tuple[float, float, float]
+
+#: In the order in which faults and words name them.
+SIZES: tuple[str, ...] = ("length", "width", "thickness")
+#: The step in which a genome counts sizes, units (Sec. 3.2 of the paper: 6 bits for 2 units).
+QUANTUM = 1 / 32
+#: How far from the hull's surface a hinge may be, in the hull's radii; a plate bridges the gap.
+LONGEST_MOUNT = 1.0
+_LARGEST = 100.0  # units, of a hull or a fin
+_MOST_FINS = 16
+_ROUNDING = 1e-9
+
+
+class Sizes(NamedTuple):
+    """The sizes of a fin, units: along its direction, along its hinge, and across both."""
+
+    length: float
+    width: float
+    thickness: float
+
+
+class Dimension(NamedTuple):
+    """One of a body's variable sizes.
+
+    ``axis`` 0, 1, 2 is x, y (along the body) and z (vertical) for a fin that lies along the body's
+    axes, and ``size`` its meaning for this fin: where flippers lie flat, z is their thickness;
+    where a tail is upright, z is its width.
+
+    Examples
+    --------
+    >>> from aquafish_gym.plans import AQUAFISH
+    >>> AQUAFISH.dimensions[1].name, AQUAFISH.dimensions[1].maximum, AQUAFISH.dimensions[1].nominal
+    ('left_pectoral.length', 2.0, 1.6)
+    """
+
+    fin: str
+    axis: int
+    size: str
+    maximum: float
+    nominal: float
+    bits: int
+
+    @property
+    def name(self) -> str:
+        """For example ``left_pectoral.length``."""
+        return f"{self.fin}.{self.size}"
+
+
+@dataclass(frozen=True)
+class Hull:
+    """A capsule along y: a cylinder with a half sphere at each end.
+
+    Sizes that are no capsule's raise InvalidArgumentError.
+
+    Examples
+    --------
+    >>> Hull(length=4.0, radius=0.5).distance(np.array([0.75, 0.0, 0.0]))
+    0.25
+    """
+
+    length: float
+    """With both ends, units."""
+    radius: float
+    """Units; at most half of the length."""
+
+    def __post_init__(self) -> None:
+        for name in ("length", "radius"):
+            value = finite_array(f"hull.{name}", getattr(self, name), (), 0.01, _LARGEST, "units")
+            object.__setattr__(self, name, float(value))
+        if 2 * self.radius > self.length:
+            raise InvalidArgumentError(
+                f"hull.radius must be at most half of the length, {self.length / 2:g}; "
+                f"got {self.radius:g}"
+            )
+
+    def distance(self, point: NDArray[np.float64]) -> float:
+        """Return how far a point (3,) lies outside of the surface, units; inside it is negative."""
+        x, y, z = point
+        beyond = max(abs(y) - (self.length / 2 - self.radius), 0.0)
+        return math.sqrt(x * x + beyond * beyond + z * z) - self.radius
+
+
+@dataclass(frozen=True)
+class FinPlan:
+    """A fin: a box on a hinge that a servo turns.
+
+    What is no fin raises InvalidArgumentError, which names the field.
+
+    Examples
+    --------
+    >>> tail = FinPlan(
+    ...     "tail", hinge=(0, -2, 0), axis=(0, 0, 1), direction=(0, -1, 0), drive="sweeps",
+    ...     speed=1.0, sweep=0.5, nominal=Sizes(1.4, 0.6, 0.4), largest=Sizes(2.0, 1.0, 0.5),
+    ... )
+    >>> BodyPlan("minnow", Hull(4.0, 0.5), (tail,)).dimensions[0].name
+    'tail.thickness'
+    """
+
+    name: str
+    """What damage calls it, such as ``left_pectoral``: lower-case letters, digits and ``_``."""
+    hinge: Point
+    """The middle of its hinge in body axes, units."""
+    axis: Point
+    """The hinge's direction, about which a positive angle turns the fin; its width is along it."""
+    direction: Point
+    """From the hinge to the fin's end at angle 0; at right angles to ``axis``."""
+    drive: Literal["turns", "sweeps"]
+    """A servo that ``turns`` goes round at a speed either way. One that ``sweeps`` swings the fin
+    to and fro: its angle is ``sweep`` times the sine of a phase, which goes on at a frequency."""
+    speed: float
+    """The largest speed, rev/s, of a servo that turns, or the highest frequency, Hz."""
+    nominal: Sizes
+    """The sizes of the whole fish, units."""
+    largest: Sizes
+    """The largest sizes that a fin may have, units."""
+    sweep: float = 0.0
+    """How far the fin sweeps to each side, rad; only for one that ``sweeps``."""
+    word: str = ""
+    """What people call it, such as "left flipper"; by default the name."""
+
+    def __post_init__(self) -> None:
+        if (
+            not isinstance(self.name, str)
+            or not self.name.isidentifier()
+            or not self.name.islower()
+        ):
+            raise InvalidArgumentError(
+                "a fin's name must be lower-case letters, digits and _, such as left_pectoral; "
+                f"got {brief(self.name)}"
+            )
+        at = f"fin {self.name}: "
+        one_of(f"{at}drive", self.drive, ("turns", "sweeps"))
+        for name in ("hinge", "axis", "direction"):
+            point = finite_array(f"{at}{name}", getattr(self, name), (3,), -_LARGEST, _LARGEST)
+            if name != "hinge":
+                norm = float(np.linalg.norm(point))
+                if norm == 0.0:
+                    raise InvalidArgumentError(f"{at}{name} must have a length; got {brief(point)}")
+                point = point / norm
+            object.__setattr__(self, name, tuple(point.tolist()))
+        if abs(np.dot(self.axis, self.direction)) > _ROUNDING:
+            raise InvalidArgumentError(
+                f"{at}direction must be at right angles to axis; got {self.direction} and "
+                f"{self.axis}"
+            )
+        object.__setattr__(
+            self, "speed", float(finite_array(f"{at}speed", self.speed, (), 0.01, 10.0))
+        )
+        low, high = (0.01, math.pi / 2) if self.drive == "sweeps" else (0.0, 0.0)
+        object.__setattr__(
+            self, "sweep", float(finite_array(f"{at}sweep", self.sweep, (), low, high, "rad"))
+        )
+        word = instance(f"{at}word", self.word, str) or self.name.replace("_", " ")
+        object.__setattr__(self, "word", word)
+        largest = finite_array(f"{at}largest", self.largest, (3,), QUANTUM, _LARGEST, "units")
+        nominal = finite_array(f"{at}nominal", self.nominal, (3,), 0.0, largest, "units")
+        object.__setattr__(self, "largest", Sizes(*largest.tolist()))
+        object.__setattr__(self, "nominal", Sizes(*nominal.tolist()))
+
+    @property
+    def turns(self) -> bool:
+        """Whether its servo goes round, at a speed of either sign."""
+        return self.drive == "turns"
+
+    @cached_property
+    def frame(self) -> tuple[Point, Point, Point]:
+        """The hinge frame's axes in body axes: width, length (towards the hull), and normal."""
+        width = np.array(self.axis)
+        length = -np.array(self.direction)
+        across = np.cross(width, length)
+        rows = [tuple((row + 0.0).tolist()) for row in (width, length, across)]  # no -0.0
+        return (rows[0], rows[1], rows[2])
+
+    @property
+    def is_along_axes(self) -> bool:
+        """Whether its hinge frame's axes are the body's, in any order."""
+        return all(x in (-1.0, 0.0, 1.0) for row in self.frame for x in row)
+
+    @cached_property
+    def attitude(self) -> tuple[float, float, float, float]:
+        """The quaternion (x, y, z, w) that turns the body's axes to the hinge frame's."""
+        (a, d, g), (b, e, h), (c, f, i) = self.frame
+        # Bar-Itzhack (2000): it is this matrix's eigenvector of the largest eigenvalue.
+        matrix = [
+            [a - e - i, d + b, g + c, h - f],
+            [d + b, e - a - i, h + f, c - g],
+            [g + c, h + f, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+        x, y, z, w = np.linalg.eigh(matrix)[1][:, -1].tolist()
+        return (x, y, z, w)
+
+    @cached_property
+    def order(self) -> tuple[str, str, str]:
+        """Its sizes in the order in which a morphology has them.
+
+        They are those along x, y and z for a fin along the body's axes, else width, length and
+        thickness.
+        """
+        names = ("width", "length", "thickness")
+        if not self.is_along_axes:
+            return names
+        along = [int(np.argmax(np.abs(row))) for row in self.frame]
+        first, second, third = (names[along.index(axis)] for axis in range(3))
+        return (first, second, third)
+
+
+@dataclass(frozen=True)
+class BodyPlan:
+    """A hull and its fins.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If there is no fin, a fin's hinge is off the hull, a whole fin would swing into the hull, or
+        two fins have one name.
+
+    Examples
+    --------
+    >>> from aquafish_gym.plans import AQUAFISH
+    >>> AQUAFISH.names
+    ('left_pectoral', 'right_pectoral', 'caudal')
+    >>> BodyPlan.from_json(AQUAFISH.to_json()) == AQUAFISH
+    True
+    """
+
+    name: str
+    """What files and reports call it, such as ``aquafish``."""
+    hull: Hull
+    fins: tuple[FinPlan, ...]
+    """One to sixteen; commands, observations and sizes follow their order."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.replace("-", "_").isidentifier():
+            raise InvalidArgumentError(
+                f"a plan's name must be letters, digits, - and _; got {brief(self.name)}"
+            )
+        instance("hull", self.hull, Hull)
+        object.__setattr__(self, "fins", tuple(sequence("fins", self.fins)))
+        integer("the number of fins", len(self.fins), 1, _MOST_FINS)
+        for fin in self.fins:
+            instance("a fin", fin, FinPlan)
+            self._check_fin(fin)
+        for one, other in pairwise(sorted(fin.name for fin in self.fins)):
+            if one == other:
+                raise InvalidArgumentError(f"fins must have different names; two are {one}")
+
+    def _check_fin(self, fin: FinPlan) -> None:
+        gap = self.hull.distance(np.array(fin.hinge))
+        most = LONGEST_MOUNT * self.hull.radius
+        if not -_ROUNDING <= gap <= most + _ROUNDING:
+            raise InvalidArgumentError(
+                f"fin {fin.name}: hinge must lie on the hull or up to {most:g} units from it; got "
+                f"{fin.hinge}, {abs(gap):.3g} units {'outside' if gap > 0 else 'inside'}"
+            )
+        for point in _swept(fin):
+            if self.hull.distance(point) < -_ROUNDING:
+                raise InvalidArgumentError(
+                    f"fin {fin.name}: it must not swing into the hull; with its nominal sizes it "
+                    f"does at {tuple(np.round(point, 2).tolist())}"
+                )
+
+    def __repr__(self) -> str:
+        return f"BodyPlan({self.name!r}: {', '.join(self.names)})"
+
+    def __hash__(self) -> int:  # kernels are kept by plan and asked for in each step
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.name, self.hull, self.fins))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the fins."""
+        return tuple(fin.name for fin in self.fins)
+
+    @cached_property
+    def words(self) -> dict[str, str]:
+        """What people call each fin, by its name."""
+        return {fin.name: fin.word for fin in self.fins}
+
+    @cached_property
+    def dimensions(self) -> tuple[Dimension, ...]:
+        """The body's sizes: their order, ranges, nominal values and bits in a genome."""
+        return tuple(
+            Dimension(fin.name, axis, size, most, getattr(fin.nominal, size), _bits(most))
+            for fin in self.fins
+            for axis, size in enumerate(fin.order)
+            for most in [getattr(fin.largest, size)]
+        )
+
+    @cached_property
+    def columns(self) -> NDArray[np.intp]:
+        """The places (F, 3) of each fin's width, length and thickness among a body's sizes."""
+        return np.array(
+            [
+                [3 * i + fin.order.index(size) for size in ("width", "length", "thickness")]
+                for i, fin in enumerate(self.fins)
+            ]
+        )
+
+    @cached_property
+    def maxima(self) -> NDArray[np.float64]:
+        """The largest sizes (S,) in the order of ``dimensions``, units."""
+        return _constant([d.maximum for d in self.dimensions])
+
+    @cached_property
+    def nominal(self) -> NDArray[np.float64]:
+        """The sizes (S,) of the whole fish in the order of ``dimensions``, units."""
+        return _constant([d.nominal for d in self.dimensions])
+
+    @cached_property
+    def command_low(self) -> NDArray[np.float64]:
+        """The lowest command (F,) of each servo, rev/s or Hz."""
+        return _constant([-fin.speed if fin.turns else 0.0 for fin in self.fins])
+
+    @cached_property
+    def command_high(self) -> NDArray[np.float64]:
+        """The highest command (F,) of each servo, rev/s or Hz."""
+        return _constant([fin.speed for fin in self.fins])
+
+    @cached_property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """The numbers of the fins, two that mirror each other in one group; pairs come first."""
+        left = list(range(len(self.fins)))
+        pairs: list[tuple[int, ...]] = []
+        for i in range(len(self.fins)):
+            x, y, z = self.fins[i].hinge
+            mirrored = [j for j in left if j > i and self.fins[j].hinge == (-x, y, z)]
+            if i in left and x != 0.0 and mirrored:
+                pairs.append((i, mirrored[0]))
+                left = [j for j in left if j not in pairs[-1]]
+        return (*pairs, *((i,) for i in left))
+
+    def to_json(self) -> str:
+        """Return one line of JSON that ``from_json`` reads back exactly."""
+        return json.dumps(asdict(self), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the plan of the JSON of ``to_json``; anything else is refused.
+
+        Sizes are lists of length, width and thickness, in units.
+        """
+        document = _object("plan", parse_json("plan", text), cls)
+        hull = Hull(**_object("plan.hull", document["hull"], Hull))
+        fins = sequence("plan.fins", document["fins"])
+        return cls(
+            document["name"],
+            hull,
+            tuple(FinPlan(**_object("a fin of plan.fins", fin, FinPlan)) for fin in fins),
+        )
+
+
+def check_plan(plan: object) -> BodyPlan:
+    """Return a plan, which must be one."""
+    return instance("plan", plan, BodyPlan)
+
+
+def _object(argument: str, value: object, kind: type) -> dict[str, Any]:
+    """Return an object with the fields of a dataclass; those with a default may be missing."""
+    names = {each.name: each for each in fields(kind)}
+    if not isinstance(value, Mapping):
+        raise InvalidArgumentError(f"{argument} must be an object; got {brief(value)}")
+    for name in value:
+        one_of(f"a key of {argument}", name, names)
+    missing = [n for n, each in names.items() if n not in value and each.default is MISSING]
+    if missing:
+        raise InvalidArgumentError(f"{argument} must have {', '.join(missing)}; got {brief(value)}")
+    return dict(value)
+
+
+def _bits(most: float) -> int:
+    """Return how many bits count a size up to ``most`` in steps of about ``QUANTUM``."""
+    return max(1, math.ceil(math.log2(most / QUANTUM)))
+
+
+def _constant(values: list[float]) -> NDArray[np.float64]:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+def _swept(fin: FinPlan) -> Iterator[NDArray[np.float64]]:
+    """Yield points of a whole fin's middle plane wherever it swings."""
+    width, length, normal = np.array(fin.frame)
+    reach = math.pi if fin.turns else fin.sweep
+    for angle in np.linspace(-reach, reach, 25):
+        along = -(math.cos(angle) * length + math.sin(angle) * normal)
+        for share in np.linspace(0.0, 1.0, 9):
+            for side in (-0.5, 0.0, 0.5):
+                yield (
+                    np.array(fin.hinge)
+                    + share * fin.nominal.length * along
+                    + side * fin.nominal.width * width
+                )

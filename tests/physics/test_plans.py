@@ -1,0 +1,161 @@
+"""The law of any body plan: engines and languages agree, and no frame is special."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from aquafish_gym import simulate
+from aquafish_gym.engines.worlds import World
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics import dynamics, reactive
+from aquafish_gym.physics.kinematics import State, at_rest, rotation
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import layout, robot_of, state_numbers
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
+from aquafish_gym.scenario import Scenario
+from tests.plans import ODD, PLANS, plans, turned
+
+Numbers = tuple[float, ...]
+
+
+def swim(plan: BodyPlan, command: Numbers, angles: Numbers, steps: int, added: bool) -> State:
+    """Return where the whole fish of a plan is, by its law on plain floats."""
+    of = law(plan)
+    robot = tuple(layout(plan).robots(plan.nominal[None])[:, 0].tolist())
+    step = of.step_reactive if added else of.step
+    by = of.driven((1.0,) * len(plan.fins), command, 0.01)
+    state = at_rest(angles)
+    for _ in range(steps):
+        state = step(robot, state, by, (0.05, 0.1, -0.02), 0.01)
+    return state
+
+
+def a_command(plan: BodyPlan, seed: int) -> tuple[Numbers, Numbers]:
+    rng = np.random.default_rng(seed)
+    command = rng.uniform(plan.command_low, plan.command_high)
+    return tuple(command.tolist()), tuple(rng.uniform(-3, 3, len(plan.fins)).tolist())
+
+
+@pytest.mark.parametrize("added", [False, True])
+@given(plan=st.sampled_from(PLANS) | plans(), seed=st.integers(0, 99))
+@settings(deadline=None, max_examples=25)
+def test_what_is_printed_is_what_is_stated(added: bool, plan: BodyPlan, seed: int) -> None:
+    """To the bit, but for the sign of a zero."""
+    command, angles = a_command(plan, seed)
+    now = swim(plan, command, angles, 10, added)
+    robot = tuple(layout(plan).robots(plan.nominal[None])[:, 0].tolist())
+    by = law(plan).driven((0.9,) * len(plan.fins), command, 0.01)
+    rest = now, by, (0.1, 0.0, 0.2), 0.01
+    stated = reactive.step_reactive if added else dynamics.step
+    printed = law(plan).step_reactive if added else law(plan).step
+    assert printed(robot, *rest) == stated(plan, robot_of(robot), *rest)
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize("added", [False, True])
+@given(plan=st.sampled_from(PLANS) | plans(), seed=st.integers(0, 99))
+@settings(deadline=None, max_examples=20)
+def test_bullets_mechanics_are_the_laws(added: bool, plan: BodyPlan, seed: int) -> None:
+    """Bullet knows the fins' masses, hinges and axes from the plan; the water alone is ours."""
+    from aquafish_gym.engines.bullet.world import BulletWorld
+
+    command, angles = a_command(plan, seed)
+    robot = Scenario.create(
+        plan=plan, fin_angles=angles, current=(0.05, 0.1, -0.02), reactive=added
+    )
+    world: World = BulletWorld()
+    try:
+        world.start(robot)
+        world._push = world._push.py_func  # type: ignore[attr-defined]  # not compiled: at once
+        world.advance(command, 50)
+        found = state_numbers(world.state())
+    finally:
+        world.close()
+    assert_allclose(found, state_numbers(swim(plan, command, angles, 50, added)), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("plan", "added"),
+    [
+        (FOUR_FINS, False),
+        (TAIL_FISH, True),
+        pytest.param(ODD, True, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_lanes_are_plain_floats_to_the_bit(plan: BodyPlan, added: bool) -> None:
+    commands, angles = zip(*(a_command(plan, seed) for seed in range(5)), strict=True)
+    log = simulate(
+        plan.nominal, commands, angles, steps=60, dtype="float64", record="pose",
+        current=(0.05, 0.1, -0.02), reactive=added, plan=plan,
+    )  # fmt: skip
+    assert log.position is not None
+    assert log.fin_angles is not None
+    for i in range(5):
+        state = swim(plan, commands[i], angles[i], 60, added)
+        assert_array_equal(log.position[i, -1], state.position)
+        assert_array_equal(log.fin_angles[i, -1], law(plan).joint_angles(state.joints))
+
+
+@pytest.mark.parametrize("added", [False, True])
+@given(
+    plan=st.sampled_from(PLANS) | plans(),
+    angle=st.floats(0.0, 2 * math.pi) | st.sampled_from([math.pi / 2, math.pi]),
+    seed=st.integers(0, 99),
+)
+@settings(deadline=None, max_examples=25)
+def test_a_fish_that_is_built_on_its_side_swims_the_same(
+    added: bool, plan: BodyPlan, angle: float, seed: int
+) -> None:
+    """The hull is round, so nothing but the fins says which way is up: every frame is turned."""
+    command, angles = a_command(plan, seed)
+    upright, sideways = (
+        still_water(one, command, angles, added) for one in (plan, turned(plan, angle))
+    )
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    for found, expected in (
+        (sideways.position, upright.position),
+        (sideways.velocity, upright.velocity),
+        (sideways.spin, upright.spin),
+    ):
+        assert_allclose(found, turn @ expected, atol=1e-9)
+    before, after = (np.array(rotation(one.orientation)) for one in (upright, sideways))
+    assert_allclose(after, turn @ before @ turn.T, atol=1e-9)
+
+
+def still_water(plan: BodyPlan, command: Numbers, angles: Numbers, added: bool) -> State:
+    of = law(plan)
+    robot = tuple(layout(plan).robots(plan.nominal[None])[:, 0].tolist())
+    step = of.step_reactive if added else of.step
+    by = of.driven((1.0,) * len(plan.fins), command, 0.01)
+    state = at_rest(angles)
+    for _ in range(40):
+        state = step(robot, state, by, (0.0, 0.0, 0.0), 0.01)
+    return state
+
+
+def test_hinges_along_the_axes_cost_no_multiplication() -> None:
+    """Of AquaFish as many as when its three fins stood in the law one by one."""
+    from aquafish_gym.code_generation import robot_code
+
+    code = robot_code(AQUAFISH)
+    assert code.traced(code.step).operations.total() <= 973
+    on_side = robot_code(turned(AQUAFISH, math.pi / 2))
+    assert on_side.traced(on_side.step).operations.total() <= 1.02 * 973
+
+
+def test_a_body_is_of_its_plan() -> None:
+    body = Morphology.nominal(FOUR_FINS)
+    assert body.fore_left == (0.4, 1.4, 0.1)
+    assert repr(body).startswith("Morphology(fore_left=(0.4, 1.4, 0.1), ")
+    assert Morphology.from_json(body.to_json(), FOUR_FINS) == body
+    assert (
+        Morphology.coerce({"hind_left": (0, 0, 0)}, FOUR_FINS).to_array()[6:9].tolist() == [0] * 3
+    )
