@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.tasks import TASKS, ReturnToBuoys, Step, SwimForward
 
 COUNT = 3

@@ -18,12 +18,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.engines.compiled import lanes
+from aquafish_gym.envs.autoreset import AutoresetMode
 from tests.comparing import assert_overwritten, assert_same, overwrite
 from tests.contract.scenes import COUNT, ENDS, MODES, Scene, damages_of_channels, scenes
 from tests.envs.fault_fakes import Echo, random_damages

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
+
+from aquafish_gym.envs.autoreset import AutoresetMode
 
 
 def array_of(library: str, dtype: str) -> Any:

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from tensor_robots import Arms
 
 from aquafish_gym import VectorFaultWrapper
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 torch = pytest.importorskip("torch")

@@ -8,10 +8,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from fault_fakes import Echo, play, swim
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 
 from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.damage import TIERS, Chance, Tier
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 

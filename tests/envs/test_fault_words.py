@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fault_fakes import Echo, play, random_damages
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensor_robots import Arms
@@ -18,6 +18,7 @@ from tensor_robots import Arms
 from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.damage import TIERS, Damage
 from aquafish_gym.damage.side import Side
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.utils.validation import UnknownNameError
 from eea.fish.target import EngineTarget
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from fault_fakes import swim
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
 from tasks_of_ones_own import Along, Axis, Engine, Kept, Plain
 
 import aquafish_gym
 from aquafish_gym import Damage, FaultWrapper, Morphology, VectorFaultWrapper, tasks
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS, SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
