@@ -176,7 +176,7 @@ def test_too_many_faults_are_refused_at_once() -> None:
 
 
 def test_unknown_parts_and_keys_are_refused() -> None:
-    for wrong in (("tail", "missing"), ("caudal", "noise"), ("random", "light")):
+    for wrong in (("dorsal", "missing"), ("caudal", "noise"), ("random", "light")):
         with pytest.raises(UnknownNameError):
             Fault(*wrong)
     for written in ({"part": "tail"}, {"part": "caudal", "word": "missing", "more": 1}):

@@ -140,7 +140,7 @@ def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
     for grid, end in zip(grids, ends, strict=True):
         rows = slice(end - len(grid.numbers), end)
         for (fin, word), number in zip(grid.words, grid.numbers.T, strict=True):
-            break_part(columns, rows, fin, word, number)
+            break_part(robot.plan, columns, rows, fin, word, number)
     return robots
 
 

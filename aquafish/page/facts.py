@@ -102,7 +102,7 @@ def effects(fin: str, word: str) -> list[tuple[float, ...]]:
     values, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
     robots = Scenario.create(np.tile(values[:, None], len(AQUAFISH.dimensions)))
     robots.servo_gain[:] = values[:, None]
-    break_part(robots.columns(), slice(None), fin, word, numbers)
+    break_part(AQUAFISH, robots.columns(), slice(None), fin, word, numbers)
     after = np.concatenate([robots.body, robots.servo_gain], axis=1)
     terms = np.stack([np.ones(4), numbers, values, values * numbers], axis=1)
     found = np.linalg.solve(terms, after).round(9).T + 0.0  # no "-0"

@@ -5,17 +5,19 @@ The columns are the fields of a :class:`~aquafish_gym.scenario.Scenario`. Everyt
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.damage.words import parts_of
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS
 from aquafish_gym.utils.array_types import Floats
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -25,30 +27,40 @@ _SERVO_WORDS = {
     "weak": "weak", "scale": "weak", "reversed": "reversed", "seized": "dead", "dead": "dead",
     "delay": "delay", "hold": "hold",
 }  # fmt: skip
-_COLUMNS = {(d.fin, d.size): i for i, d in enumerate(AQUAFISH.dimensions)}
 
 
-def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
+@functools.cache
+def _columns_of(plan: BodyPlan) -> dict[tuple[str, str], int]:
+    """Return the column of each size of each fin."""
+    return {(d.fin, d.size): i for i, d in enumerate(plan.dimensions)}
+
+
+def break_part(
+    plan: BodyPlan, columns: Columns, rows: Any, part: str, word: str, number: ArrayLike
+) -> None:
     """Break a part of the robots in some rows, in place.
 
     Parameters
     ----------
+    plan
+        Of the robots.
     columns
         (R, ...) by the names of a scenario's fields: all that the word changes.
     rows
         An index or a slice.
     part, word
-        Of ``PARTS``.
+        Of ``parts_of(plan)``.
     number
         One for all rows, or one for each. Words without a number ignore it.
 
     Raises
     ------
-    InvalidArgumentError
-        If a size would exceed its maximum.
+    InvalidArgumentError, UnknownNameError
+        If a size would exceed its maximum, or the plan has no such part.
     """
-    if part in AQUAFISH.names:
-        _break_fin(columns, rows, part, word, number)
+    one_of("damage part", part, parts_of(plan))
+    if part in plan.names:
+        _break_fin(plan, columns, rows, part, word, number)
     elif word == "noise":
         noise = columns["gyro_noise"]
         noise[rows] = np.hypot(noise[rows], number)
@@ -58,34 +70,39 @@ def break_part(columns: Columns, rows: Any, part: str, word: str, number: ArrayL
         break_channels(columns, "sensor", rows, _only(CHANNELS.index(part)), word, number)
 
 
-def _break_fin(columns: Columns, rows: Any, part: str, word: str, number: ArrayLike) -> None:
+def _break_fin(
+    plan: BodyPlan, columns: Columns, rows: Any, part: str, word: str, number: ArrayLike
+) -> None:
     if word in _SERVO_WORDS:
-        servo = _only(AQUAFISH.names.index(part))
+        servo = _only(plan.names.index(part))
         break_channels(columns, "servo", rows, servo, _SERVO_WORDS[word], number)
     else:
-        break_sizes(columns["body"], rows, part, word, number)
+        break_sizes(plan, columns["body"], rows, part, word, number)
 
 
 def _only(channel: int) -> slice:
     return slice(channel, channel + 1)
 
 
-def break_sizes(body: Floats, rows: Any, part: str, word: str, number: ArrayLike) -> None:
-    """Break the sizes of a fin of bodies (R, 9), in place; other words than of sizes do nothing.
+def break_sizes(
+    plan: BodyPlan, body: Floats, rows: Any, part: str, word: str, number: ArrayLike
+) -> None:
+    """Break the sizes of a fin of bodies (R, S), in place; other words than of sizes do nothing.
 
     InvalidArgumentError if a size would exceed its maximum.
     """
+    columns = _columns_of(plan)
     match word:
         case "missing":
             for size in SIZES:
-                body[rows, _COLUMNS[part, size]] = 0.0
+                body[rows, columns[part, size]] = 0.0
         case "entangled":
-            column = _COLUMNS[part, "width"]
+            column = columns[part, "width"]
             width = body[rows, column]
-            body[rows, column] = width + number * (AQUAFISH.dimensions[column].maximum - width)
+            body[rows, column] = width + number * (plan.dimensions[column].maximum - width)
         case _ if word in SIZES:
-            column = _COLUMNS[part, word]
-            dimension = AQUAFISH.dimensions[column]
+            column = columns[part, word]
+            dimension = plan.dimensions[column]
             with np.errstate(over="ignore"):
                 sizes = body[rows, column] * number
             largest = sizes.max(initial=0.0)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -21,14 +22,21 @@ from aquafish_gym.damage.draws import Draws, Parts, Spans, draw, make_stages, un
 from aquafish_gym.damage.draws import ways_to_break as ways_to_break
 from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS
-from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM
+from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, parts_of
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER
 from aquafish_gym.utils.array_types import Floats
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    instance,
+    integer,
+    one_of,
+    positive,
+)
 
 UNUSED = np.random.default_rng(0)  # the generator of a damage that draws nothing
 MAXIMUM_HOLD_STEPS = 10**6  # physics steps in a control step
@@ -189,7 +197,7 @@ class Damage:
         """
         self._check_certain(timed=True)
         intact = {"body": morphology.to_array()[None], "faults": np.zeros(1, np.int64)}
-        make_stages(self.draw([UNUSED]), dt, intact, _break_body)
+        make_stages(self.draw([UNUSED]), dt, intact, partial(_break_body, morphology.plan))
 
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError if a delay, hold or growth fits no steps of ``dt`` s."""
@@ -226,8 +234,9 @@ class Damage:
         sizes = morphology.to_array()[None]
         for fault in self.faults:
             number = np.nan if fault.number is None else fault.number
-            _break_body({"body": sizes}, slice(None), fault.part, fault.word, number)
-        return Morphology.from_array(sizes[0])
+            columns = {"body": sizes}
+            _break_body(morphology.plan, columns, slice(None), fault.part, fault.word, number)
+        return Morphology.from_array(sizes[0], morphology.plan)
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return :meth:`body`; InvalidArgumentError if something else is broken, or not always."""
@@ -307,9 +316,12 @@ def edit_each(
         damage.check_steps(TIMESTEP * hold)
         if rngs is None:
             damage._check_certain(timed=True)
-        drawn.append(damage.draw([UNUSED if rngs is None else rngs[i] for i in rows]))
+        own = [UNUSED if rngs is None else rngs[i] for i in rows]
+        drawn.append(damage.draw(own, parts_of(scenario.plan)))
     draws = Draws.join(drawn, np.argsort(np.concatenate([*alike.values()])))
-    stages = make_stages(draws, TIMESTEP * hold, scenario.columns(), break_part)
+    stages = make_stages(
+        draws, TIMESTEP * hold, scenario.columns(), partial(break_part, scenario.plan)
+    )
     found = scenario.with_stages(
         stages._replace(
             since=stages.since * hold,
@@ -317,30 +329,37 @@ def edit_each(
             stride=hold,
         )
     )
-    return replace(found, fin_angles=_first_angles(scenario.fin_angles, draws, TIMESTEP * hold))
+    return replace(found, fin_angles=_first_angles(scenario, draws, TIMESTEP * hold))
 
 
-def _first_angles(angles: Floats, draws: Draws, dt: float) -> Floats:
-    """Return where fins (P, 3) begin: those of dead servos anywhere, which is NaN."""
-    found = angles.copy()
+def _first_angles(scenario: Scenario, draws: Draws, dt: float) -> Floats:
+    """Return where fins (P, F) begin: those of dead servos anywhere, which is NaN."""
+    found = scenario.fin_angles.copy()
+    fins = scenario.plan.names
     active = Spans.of(draws, dt).first == 0
     for kind, (part, word) in draws.used:
-        if word not in ("seized", "dead") or part not in AQUAFISH.names:
+        if word not in ("seized", "dead") or part not in fins:
             continue
         for i in range(draws.kind.shape[1]):
             rows = np.flatnonzero(active[:, i] & (draws.kind[:, i] == kind))
             number = draws.number[rows, i]
-            kept = found[rows, AQUAFISH.names.index(part)]
+            kept = found[rows, fins.index(part)]
             held = np.where(np.isnan(number), kept, number)
-            found[rows, AQUAFISH.names.index(part)] = np.nan if word == "dead" else held
+            found[rows, fins.index(part)] = np.nan if word == "dead" else held
     return found
 
 
 def _break_body(
-    columns: Mapping[str, NDArray[Any]], rows: Any, part: str, word: str, number: Any
+    plan: BodyPlan,
+    columns: Mapping[str, NDArray[Any]],
+    rows: Any,
+    part: str,
+    word: str,
+    number: Any,
 ) -> None:
-    if part in AQUAFISH.names:
-        break_sizes(columns["body"], rows, part, word, number)
+    one_of("damage part", part, parts_of(plan))
+    if part in plan.names:
+        break_sizes(plan, columns["body"], rows, part, word, number)
 
 
 def is_list_of_faults(value: object) -> bool:

@@ -15,6 +15,7 @@ from aquafish_gym.damage.transmit import MAXIMUM_DELAY_STEPS, STEP_ROUNDING
 from aquafish_gym.damage.words import (
     BODY_WORDS,
     CHANNEL_WORDS,
+    FIN_WORDS,
     LONGEST_SECONDS,
     PARTS,
     PHRASES,
@@ -23,9 +24,9 @@ from aquafish_gym.damage.words import (
     Range,
     Words,
     can_grow,
+    known_fins,
     needs_number,
 )
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -46,8 +47,9 @@ class Fault:
     Attributes
     ----------
     part
-        A fin, "gyro", one of ``CHANNELS``, or "random"; for ``FaultWrapper``, "action" or
-        "observation", with the numbers of its channels: "action_0", "observation_3-5".
+        A fin of one of the ``PLANS``, "gyro", one of ``CHANNELS``, or "random"; for
+        ``FaultWrapper``, "action" or "observation", with the numbers of its channels: "action_0",
+        "observation_3-5".
     word
         What happens to it: a key of ``PARTS[part]`` or ``CHANNEL_WORDS``, or a tier.
     number
@@ -119,7 +121,7 @@ class Fault:
                     f"{name} strikes at once: of {self.part}, {' and '.join(growing)} can grow; "
                     f"got the growth {self.growth:g} s"
                 )
-        angle = self.word == "seized" and self.number is not None and self.part in AQUAFISH.names
+        angle = self.word == "seized" and self.number is not None and self.part in known_fins()
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
                 f"damage {self.part}:seized has an angle only from the beginning, since a fin "
@@ -204,7 +206,7 @@ class Fault:
         """Return what it is about, in words."""
         if self.part == RANDOM:
             return f"something {self.word}"
-        words = AQUAFISH.words | {"gyro": "gyroscope"}
+        words = known_fins() | {"gyro": "gyroscope"}
         return whose + words[self.part] if self.part in words else self.part
 
     @property
@@ -255,7 +257,8 @@ def words_of(part: object) -> Words:
                 f"damage part must be {side}, {side}_0 or {side}_0-2 to be of the {side}; "
                 f"got {brief(part)}"
             )
-    return PARTS[one_of("damage part", part, (*PARTS, RANDOM, *CHANNEL_WORDS))]
+    known = {**PARTS, **dict.fromkeys(known_fins(), FIN_WORDS)}
+    return known[one_of("damage part", part, (*known, RANDOM, *CHANNEL_WORDS))]
 
 
 def channels_of(part: str) -> tuple[str, slice]:

@@ -6,12 +6,13 @@ Everything that speaks of damage takes its words and ranges from here.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, PLANS, BodyPlan
 from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN
 
@@ -74,16 +75,33 @@ NOISE_WORDS: Words = {"noise": Range(0.0, MAXIMUM_SPIN, "SD", "rad/s")}
 SENSOR_WORDS: Words = _sensor(2.0)
 #: The words about what any of them carries, and when.
 LINK_WORDS: Words = _link(LARGEST_SCALE, LONGEST_DELAY)
-_FIN = {**BODY_WORDS, **SERVO_WORDS, **_link(2.0, LONGEST_DELAY)}  # "scale" is "weak"
+#: All words about a fin.
+FIN_WORDS: Words = {**BODY_WORDS, **SERVO_WORDS, **_link(2.0, LONGEST_DELAY)}  # "scale" is "weak"
 _GYRO = {**NOISE_WORDS, **LINK_WORDS}
 _RATE = {**_sensor(MAXIMUM_SPIN, "rad/s"), **LINK_WORDS}
 _DIRECTION = {**SENSOR_WORDS, **LINK_WORDS}
-#: Part -> word -> its number, or None where it takes none.
-PARTS: Mapping[str, Words] = {
-    **dict.fromkeys(AQUAFISH.names, _FIN),
+#: Of the IMU: part -> word -> its number, or None where it takes none.
+SENSOR_PARTS: Mapping[str, Words] = {
     "gyro": _GYRO,
     **{name: _RATE if name.startswith("gyro") else _DIRECTION for name in CHANNELS},
 }
+
+
+@functools.cache
+def parts_of(plan: BodyPlan) -> Mapping[str, Words]:
+    """Return what may break of a plan's fish: part -> word -> its number, None if it takes none."""
+    return {**dict.fromkeys(plan.names, FIN_WORDS), **SENSOR_PARTS}
+
+
+#: Those of the paper's fish.
+PARTS: Mapping[str, Words] = parts_of(AQUAFISH)
+
+
+def known_fins() -> dict[str, str]:
+    """Return the fins of all ``PLANS``, which damage can name, and what people call them."""
+    return {name: word for plan in PLANS.values() for name, word in plan.words.items()}
+
+
 #: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``
 #: (from 3 to 5) or ``observation`` (all of them).
 CHANNEL_WORDS: Mapping[str, Words] = {

@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aquafish_gym import simulate
+import aquafish_gym
+from aquafish_gym import Damage, simulate
+from aquafish_gym.damage import edit_each
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import dynamics, reactive
@@ -19,6 +21,7 @@ from aquafish_gym.physics.law import law
 from aquafish_gym.physics.layout import layout, robot_of, state_numbers
 from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import UnknownNameError
 from tests.plans import ODD, PLANS, plans, turned
 
 Numbers = tuple[float, ...]
@@ -159,3 +162,45 @@ def test_a_body_is_of_its_plan() -> None:
     assert (
         Morphology.coerce({"hind_left": (0, 0, 0)}, FOUR_FINS).to_array()[6:9].tolist() == [0] * 3
     )
+
+
+def test_damage_names_the_fins_of_every_plan() -> None:
+    damage = Damage.parse("fore_left:length=0.5; hind_right:seized=0.3; gyro:noise=0.1")
+    assert damage.said("my ").startswith("my fore left flipper has 50% of its length")
+    robot = damage.edit(Scenario.create(plan=FOUR_FINS))
+    whole = FOUR_FINS.nominal
+    assert robot.body[0].tolist() == [whole[0], 0.5 * whole[1], *whole[2:]]
+    assert robot.servo_gain.tolist() == [[1.0, 1.0, 1.0, 0.0]]
+    assert robot.fin_angles.tolist() == [[0.0, 0.0, 0.0, 0.3]]
+    assert damage.certain.body(Morphology.nominal(FOUR_FINS)).fore_left[1] == 0.5 * whole[1]
+
+
+def test_damage_of_another_plan_is_refused() -> None:
+    with pytest.raises(
+        UnknownNameError, match=r"damage part must be one of tail, left_fin.*caudal"
+    ):
+        Damage.parse("caudal:missing").edit(Scenario.create(plan=TAIL_FISH))
+    with pytest.raises(UnknownNameError, match=r"damage part must be one of left_pectoral.*tail"):
+        Damage.parse("tail:missing").apply(Morphology.nominal())
+    with pytest.raises(UnknownNameError, match="got 'dorsal'"):
+        Damage.parse("dorsal:missing")
+
+
+def test_random_damage_is_of_the_plans_own_fins() -> None:
+    damages = [Damage.parse("random:severe")] * 40
+    rngs = [np.random.default_rng(i) for i in range(40)]
+    broken = edit_each(
+        Scenario.fill({"body": np.tile(FOUR_FINS.nominal, (40, 1))}, plan=FOUR_FINS),
+        damages,
+        rngs=rngs,
+    )
+    lost = (broken.body != FOUR_FINS.nominal).reshape(40, 4, 3).any(axis=2)
+    assert (lost | (broken.servo_gain != 1.0)).any(axis=0).all()
+
+
+def test_a_plan_of_ones_own_is_named_once_it_is_among_the_plans(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(aquafish_gym.PLANS, ODD.name, ODD)
+    robot = Damage.parse("keel:missing").edit(Scenario.create(plan=ODD))
+    assert robot.body[0, 3:6].tolist() == [0.0, 0.0, 0.0]
