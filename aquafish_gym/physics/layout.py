@@ -6,7 +6,7 @@ robot on plain floats is group 0 of 1. The functions of one group are straight-l
 scalar backend (``arithmetic.py``).
 
 - A **state** has the numbers of ``State`` in its order, then roll, pitch and yaw.
-- A **robot** has its ``Fin``s, the numbers of each in its order, and the scale of the hull's drag.
+- A **robot** has the numbers of each ``Fin`` in turn, and the scale of the hull's drag.
 - Its **conditions** are the water's velocity, the gains of the servos, and their lag in steps of
   0.01 s.
 
