@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import reckon, servo_speeds
+from aquafish_gym.command import reckon, servos
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import episode
 from aquafish_gym.envs.robots import OneRobot
@@ -30,6 +30,7 @@ from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
+_SERVOS = servos(AQUAFISH)
 
 
 class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]):
@@ -245,14 +246,14 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
         self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
         followed = self._robot.robots.follow(action)
-        world.advance(servo_speeds(AQUAFISH, followed), self.frame_skip)
+        world.advance(_SERVOS.speeds(followed), self.frame_skip)
         if world.diverged:
             return True
         self._steps += 1
         self._state = world.state()
         self._fin_angles = world.fin_angles
         if self._reckons:
-            self._reckoned = reckon(self._reckoned, servo_speeds(AQUAFISH, action), TAU * self.dt)
+            self._reckoned = reckon(self._reckoned, _SERVOS.speeds(action), TAU * self.dt)
         return False
 
     def _reward(

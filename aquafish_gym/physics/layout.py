@@ -38,7 +38,6 @@ ORIENTATION, POSITION, VELOCITY, SPIN, JOINTS = _BODY_FIRST
 FIELDS: dict[str, slice] = dict(
     zip(_BODY_ROWS, map(slice, _BODY_FIRST, _BODY_FIRST[1:]), strict=True)
 )
-_BODY_FIELDS = tuple(FIELDS.values())
 
 
 def fetch_vector(rows: Any, first: int, group: int, groups: int, like: Number) -> Vector:
@@ -75,8 +74,15 @@ def robot_of(numbers: Sequence[Number]) -> Robot:
 def state_of(numbers: Sequence[Number]) -> State:
     """Return the state whose rows these are, without roll, pitch and yaw."""
     rates = JOINTS + (len(numbers) - JOINTS) * 2 // 3
-    fields = (*_BODY_FIELDS, slice(JOINTS, rates), slice(rates, None))
-    return State(*(tuple(numbers[rows]) for rows in fields))
+    # One by one, for environments of one robot ask in each step.
+    return State(
+        tuple(numbers[:POSITION]),
+        tuple(numbers[POSITION:VELOCITY]),
+        tuple(numbers[VELOCITY:SPIN]),
+        tuple(numbers[SPIN:JOINTS]),
+        tuple(numbers[JOINTS:rates]),
+        tuple(numbers[rates:]),
+    )
 
 
 def state_numbers(state: State) -> Numbers:

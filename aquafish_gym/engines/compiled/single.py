@@ -26,9 +26,9 @@ from aquafish_gym.utils.array_types import Triple
 def compile_single(plan: BodyPlan, reactive: bool = False) -> Any:
     """Return the compiled loop of a plan; compilation itself is lazy.
 
-    It is ``(v, command, steps, h) -> well``: hold a command (rev/s or Hz, already times the gains)
-    for some steps of ``h`` seconds; return whether the robot has not diverged. ``v`` is the whole
-    robot: its state, its rows, and the current.
+    It is ``(v, gain, command, steps, h) -> well``: hold a command (rev/s or Hz) for some steps of
+    ``h`` seconds; return whether the robot has not diverged. ``v`` is the whole robot: its state,
+    its rows, and the current.
     """
     register()
     stamp = source_stamp(compile_single) + plan.to_json()
@@ -41,13 +41,12 @@ def compile_single(plan: BodyPlan, reactive: bool = False) -> Any:
     register_functions(swim, driven, fetch_robot, fetch_state, put_state)
     first_of_robot = layout(plan).state_numbers
     first_of_current = first_of_robot + layout(plan).robot_rows
-    whole = (1.0,) * len(plan.fins)
 
-    def advance(v: Any, command: Any, steps: int, h: float) -> bool:
+    def advance(v: Any, gain: Any, command: Any, steps: int, h: float) -> bool:
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         robot = fetch_robot(v, first_of_robot, 0, 1, 0.0)
         current = fetch_vector(v, first_of_current, 0, 1, 0.0)
-        by = driven(whole, command, h)
+        by = driven(gain, command, h)
         state = fetch_state(v, 0, 0, 1, 0.0)
         for _ in range(steps):
             state = swim(robot, state, by, current, h)
@@ -70,7 +69,7 @@ class CompiledWorld(World):
 
     def _start(self, scenario: Scenario) -> None:
         self._plan = scenario.plan
-        tables = layout(scenario.plan)
+        self._layout = tables = layout(scenario.plan)
         numbers, robot = tables.state_numbers, tables.robot_rows
         # The whole robot. No views of it are kept: a copy's would show the original.
         self._numbers = np.zeros(numbers + robot + 3)
@@ -93,17 +92,16 @@ class CompiledWorld(World):
         self._numbers[self._current] = current
 
     def _swim(self, command: Numbers, steps: int) -> None:
-        followed = tuple(gain * x for gain, x in zip(self._gains, command, strict=True))
         swim = compile_single(self._plan, self._reactive)
         h, count = TIMESTEP / self._substeps, steps * self._substeps
-        self.diverged = not swim(self._numbers, followed, count, h)
+        self.diverged = not swim(self._numbers, self._gains, command, count, h)
 
     def state(self) -> State:
         return state_of(self._numbers[self._state].tolist())
 
     @property
     def fin_angles(self) -> Numbers:
-        return tuple(layout(self._plan).angles(self._numbers).tolist())
+        return tuple(self._layout.angles(self._numbers).tolist())
 
     def close(self) -> None:
         """Do nothing: there is nothing to free."""
