@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan, check_same_plan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     UnknownNameError,
@@ -77,10 +77,7 @@ class Morphology:
         if value is None:
             return cls.nominal(plan)
         if isinstance(value, Morphology):
-            if value.plan != plan:
-                raise InvalidArgumentError(
-                    f"morphology must be of the plan {plan.name}; got one of {value.plan.name}"
-                )
+            check_same_plan("morphology", value.plan, plan)
             return value
         if isinstance(value, Mapping):
             sizes = plan.nominal.reshape(-1, 3).copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from aquafish_gym.plans import AQUAFISH, check_same_plan
 from aquafish_gym.scenario import Scenario, check_row
 from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import flag, instance, integer
@@ -59,6 +60,7 @@ class WorldConfig:
         (1.0, 0.4, 1.0)
         """
         instance("robot", robot, Scenario)
+        check_same_plan("robot", robot.plan, AQUAFISH)
         names = ("current", "drag", "servo_gain")
         rows: dict[str, Any] = {name: getattr(robot, name)[0] for name in names}
         return cls(**rows, lag=float(robot.servo_lag[0]), reactive=robot.reactive)
@@ -66,6 +68,7 @@ class WorldConfig:
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""
         instance("scenario", scenario, Scenario)
+        check_same_plan("scenario", scenario.plan, AQUAFISH)  # it has three gains
         rates = dict(scenario.rates)
         if "servo_gain" in rates:
             rates["servo_gain"] = rates["servo_gain"] * self.servo_gain

@@ -74,7 +74,7 @@ def robot_of(numbers: Sequence[Number]) -> Robot:
 def state_of(numbers: Sequence[Number]) -> State:
     """Return the state whose rows these are, without roll, pitch and yaw."""
     rates = JOINTS + (len(numbers) - JOINTS) * 2 // 3
-    # One by one, for environments of one robot ask in each step.
+    # One by one: an environment of one robot asks in each step.
     return State(
         tuple(numbers[:POSITION]),
         tuple(numbers[POSITION:VELOCITY]),

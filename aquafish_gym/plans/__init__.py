@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from aquafish_gym.plans.aquafish import AQUAFISH
 from aquafish_gym.plans.four_fins import FOUR_FINS
-from aquafish_gym.plans.plan import BodyPlan, Dimension, FinPlan, Hull, Sizes, check_plan
+from aquafish_gym.plans.plan import (
+    BodyPlan,
+    Dimension,
+    FinPlan,
+    Hull,
+    Sizes,
+    check_plan,
+    check_same_plan,
+)
 from aquafish_gym.plans.tail_fish import TAIL_FISH
 
 __all__ = [
@@ -18,6 +26,7 @@ __all__ = [
     "Hull",
     "Sizes",
     "check_plan",
+    "check_same_plan",
 ]
 
 #: The plans by name.

@@ -388,6 +388,14 @@ def check_plan(plan: object) -> BodyPlan:
     return instance("plan", plan, BodyPlan)
 
 
+def check_same_plan(argument: str, plan: BodyPlan, wanted: BodyPlan) -> None:
+    """Raise InvalidArgumentError if an argument is of another plan than the robots."""
+    if plan != wanted:
+        raise InvalidArgumentError(
+            f"{argument} must be of the plan {wanted.name}; got one of the plan {plan.name}"
+        )
+
+
 def _object(argument: str, value: object, kind: type) -> dict[str, Any]:
     """Return an object with the fields of a dataclass; those with a default may be missing."""
     names = {each.name: each for each in fields(kind)}

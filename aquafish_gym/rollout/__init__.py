@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import check_same_plan
 from aquafish_gym.rollout.many import swim_many
 from aquafish_gym.rollout.one import swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories
@@ -129,13 +129,14 @@ def rollout(
                 f"interval must be None or {policy.interval}, the program's own; got {interval}"
             )
         interval = policy.interval
+        check_same_plan("policy", policy.plan, scenario.plan)
         if policy.observes_goal and (task is None or not task.has_goal):
             raise InvalidArgumentError(
                 "policy must not observe a goal in a task that has none; choose a task with a goal"
             )
     if start is not None:
-        start = finite_array("start", start, (layout(AQUAFISH).state_rows, batch))
-        scenario = replace(scenario, fin_angles=layout(AQUAFISH).angles(start).T)
+        start = finite_array("start", start, (layout(scenario.plan).state_rows, batch))
+        scenario = replace(scenario, fin_angles=layout(scenario.plan).angles(start).T)
     steps = round(seconds / TIMESTEP)
     if task is not None and steps % interval:
         raise InvalidArgumentError(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from aquafish_gym.physics.added_mass import hull_added_mass
-from aquafish_gym.physics.hydrodynamics import body_drag
-from aquafish_gym.physics.robot import MINIMUM_FIN_MASS, MOUNT_LENGTH, hull_numbers
+from aquafish_gym.physics.robot import MINIMUM_FIN_MASS, hull_numbers
 from aquafish_gym.plans import AQUAFISH
 
 HULL = hull_numbers(AQUAFISH.hull)
@@ -19,5 +18,3 @@ CAUDAL_Y = AQUAFISH.fins[2].hinge[1]
 SWEEP = AQUAFISH.fins[-1].sweep  # rad: the caudal angle is SWEEP sin(phase)
 MOUNT_X = (RADIUS + PECTORAL_X) / 2
 MOUNT_WIDTH = PECTORAL_X - RADIUS
-
-__all__ = ["MOUNT_LENGTH", "body_drag"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import aquafish_gym
-from aquafish_gym import Damage, simulate
+from aquafish_gym import Damage, WorldConfig, simulate
 from aquafish_gym.damage import edit_each
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.morphology import Morphology
@@ -20,8 +22,9 @@ from aquafish_gym.physics.kinematics import State, at_rest, rotation
 from aquafish_gym.physics.law import law
 from aquafish_gym.physics.layout import layout, robot_of, state_numbers
 from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
+from aquafish_gym.rollout import Program, rollout
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from tests.plans import ODD, PLANS, plans, turned
 
 Numbers = tuple[float, ...]
@@ -204,3 +207,19 @@ def test_a_plan_of_ones_own_is_named_once_it_is_among_the_plans(
     monkeypatch.setitem(aquafish_gym.PLANS, ODD.name, ODD)
     robot = Damage.parse("keel:missing").edit(Scenario.create(plan=ODD))
     assert robot.body[0, 3:6].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_what_is_of_another_plan_is_refused() -> None:
+    """Also where both fish have three fins, so that every shape fits."""
+    fish = Scenario.create(plan=TAIL_FISH)
+    function: Any = lambda *_: (0.0, 0.0, 0.0)  # noqa: E731
+    program = Program(function, np.zeros((1, 1)), np.zeros(1, np.int64), 0, 20)
+    asked: list[Callable[[], object]] = [
+        lambda: rollout(program, fish, seconds=1.0),
+        lambda: WorldConfig().edit(fish),
+        lambda: WorldConfig.of(fish),
+        lambda: Scenario.create(Morphology.nominal(), plan=TAIL_FISH),
+    ]
+    for ask in asked:
+        with pytest.raises(InvalidArgumentError, match=r"must be of the plan (tail-fish|aquafish)"):
+            ask()
