@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike, other_plans
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
@@ -22,7 +22,7 @@ MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
 
 
 def body_array(
-    bodies: MorphologiesLike, argument: str = "morphologies", plan: BodyPlan = AQUAFISH
+    bodies: MorphologiesLike, argument: str = "morphologies", plan: PlanLike = AQUAFISH
 ) -> NDArray[np.float64]:
     """Return the sizes (M, S) of one body or several, in the order of the plan's ``dimensions``.
 
@@ -40,7 +40,7 @@ def body_array(
     array([[0.4, 1.4, 0.6],
            [0. , 0. , 0. ]])
     """
-    check_plan(plan)
+    plan = check_plan(plan)
     if bodies is None or isinstance(bodies, Morphology | Mapping):
         return Morphology.coerce(bodies, plan).to_array()[None]
     if isinstance(bodies, list | tuple) and any(
@@ -58,9 +58,9 @@ def body_array(
     )
 
 
-def median_body(bodies: NDArray[np.float64], plan: BodyPlan = AQUAFISH) -> Morphology:
+def median_body(bodies: NDArray[np.float64], plan: PlanLike = AQUAFISH) -> Morphology:
     """Return the body of the median of each size of bodies (M, S), without their correlations."""
-    return Morphology.from_array(np.median(bodies, axis=0), plan)
+    return Morphology.from_array(np.median(bodies, axis=0), check_plan(plan))
 
 
 def sample_stamp(bodies: NDArray[np.float64]) -> str:
@@ -70,7 +70,7 @@ def sample_stamp(bodies: NDArray[np.float64]) -> str:
 
 
 def write_bodies(
-    path: str | os.PathLike[str], bodies: MorphologiesLike, plan: BodyPlan = AQUAFISH
+    path: str | os.PathLike[str], bodies: MorphologiesLike, plan: PlanLike = AQUAFISH
 ) -> None:
     """Write a ``bodies.json``, whole or not at all, that :func:`read_bodies` reads back exactly.
 
@@ -85,12 +85,13 @@ def write_bodies(
     >>> read_bodies("bodies.json") == (Morphology.nominal(),) * 2
     True
     """
+    plan = check_plan(plan)
     rows = [Morphology.from_array(row, plan).to_dict() for row in body_array(bodies, plan=plan)]
     write_document(path, {"morphologies": rows}, BODIES_SCHEMA)
 
 
 def read_bodies(
-    path: str | os.PathLike[str], argument: str = "file", plan: BodyPlan = AQUAFISH
+    path: str | os.PathLike[str], argument: str = "file", plan: PlanLike = AQUAFISH
 ) -> tuple[Morphology, ...]:
     """Return the bodies of a JSON file: a ``bodies.json``, or a file with one body.
 
@@ -103,7 +104,7 @@ def read_bodies(
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
-    check_plan(plan)
+    plan = check_plan(plan)
     if isinstance(path, str | os.PathLike) and str(path).lower().endswith(_ROBOT_FILES):
         raise InvalidArgumentError(
             f"{argument} must be a JSON file of bodies; got {path}{other_plans(plan)}"

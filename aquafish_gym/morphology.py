@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan, check_same_plan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan, check_same_plan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     UnknownNameError,
@@ -41,7 +41,8 @@ class Morphology:
     plan: BodyPlan = AQUAFISH
 
     def __post_init__(self) -> None:
-        count = len(check_plan(self.plan).dimensions)
+        object.__setattr__(self, "plan", check_plan(self.plan))
+        count = len(self.plan.dimensions)
         array = finite_array("morphology", self.sizes, (count,), hint=other_plans(self.plan))
         for fin, sizes, most in zip(
             self.plan.names, array.reshape(-1, 3), self.plan.maxima.reshape(-1, 3), strict=True
@@ -61,19 +62,20 @@ class Morphology:
         return f"{type(self).__name__}({sizes})"
 
     @classmethod
-    def nominal(cls, plan: BodyPlan = AQUAFISH) -> Self:
+    def nominal(cls, plan: PlanLike = AQUAFISH) -> Self:
         """Return the whole fish of a plan."""
-        return cls(tuple(check_plan(plan).nominal.tolist()), plan)
+        plan = check_plan(plan)
+        return cls(tuple(plan.nominal.tolist()), plan)
 
     @classmethod
-    def from_array(cls, sizes: ArrayLike, plan: BodyPlan = AQUAFISH) -> Self:
+    def from_array(cls, sizes: ArrayLike, plan: PlanLike = AQUAFISH) -> Self:
         """Return the body of sizes (S,) in the order of the plan's ``dimensions``."""
-        return cls(sizes, plan)  # type: ignore[arg-type]  # checked there
+        return cls(sizes, check_plan(plan))  # type: ignore[arg-type]  # checked there
 
     @classmethod
-    def coerce(cls, value: MorphologyLike, plan: BodyPlan = AQUAFISH) -> Morphology:
+    def coerce(cls, value: MorphologyLike, plan: PlanLike = AQUAFISH) -> Morphology:
         """Return the body of ``None`` (nominal), S numbers, or a mapping from fins to sizes."""
-        check_plan(plan)
+        plan = check_plan(plan)
         if value is None:
             return cls.nominal(plan)
         if isinstance(value, Morphology):
@@ -103,9 +105,9 @@ class Morphology:
         return json.dumps(self.to_dict(), allow_nan=False)
 
     @classmethod
-    def from_json(cls, text: str, plan: BodyPlan = AQUAFISH) -> Morphology:
+    def from_json(cls, text: str, plan: PlanLike = AQUAFISH) -> Morphology:
         """Return the body of the JSON of ``to_json``; anything else is refused."""
-        check_plan(plan)
+        plan = check_plan(plan)
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(plan.names):
             wanted = f"an object with the keys {', '.join(plan.names)}"

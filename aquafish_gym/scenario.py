@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from aquafish_gym.stages import NEVER, Player, Stages
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from aquafish_gym.utils.validation import (
@@ -32,6 +32,7 @@ from aquafish_gym.utils.validation import (
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SPIN = 100.0  # rad/s
+LARGEST_GAIN = 2.0  # of a servo
 LARGEST_SCALE = 100.0  # factor of a sensor
 LONGEST_DELAY = 100.0  # s, of a channel of the robot
 #: What the inertial measurement unit observes: two directions and the angular velocity.
@@ -62,7 +63,7 @@ _FIELDS: dict[str, _Field] = {
     "current": _Field((3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s", 0.0),
     "drag": _Field((2,), 0.0, 10.0, "", 1.0),
     "fin_density": _Field((), 0.0, 100.0, "", 1.0),
-    "servo_gain": _Field(FINS, -2.0, 2.0, "", 1.0),
+    "servo_gain": _Field(FINS, -LARGEST_GAIN, LARGEST_GAIN, "", 1.0),
     "servo_lag": _Field((), 0.0, 1.0, "s", 0.0),
     "gyro_noise": _Field((), 0.0, MAXIMUM_SPIN, "rad/s", 0.0),
     "sensor_bias": _Field(_OF_CHANNELS, -MAXIMUM_SPIN, MAXIMUM_SPIN, "", 0.0),
@@ -136,7 +137,7 @@ class Scenario:
         body: object = None,
         *,
         reactive: bool = False,
-        plan: BodyPlan = AQUAFISH,
+        plan: PlanLike = AQUAFISH,
         **fields: object,
     ) -> Self:
         """Return a scenario from checked arguments; a single row serves all robots.
@@ -148,7 +149,7 @@ class Scenario:
         reactive
             Whether the water also resists acceleration.
         plan
-            Of all robots.
+            Of all robots, or its name in ``PLANS``.
         **fields
             Other fields, (B, ...) or one row without its axis; each has a default that changes
             nothing. A single ``servo_gain`` is for all servos. ``Damage.edit`` sets stuck and
@@ -160,7 +161,7 @@ class Scenario:
             If a field has the wrong shape or range, the fields differ in length, or there is no
             such field.
         """
-        check_plan(plan)
+        plan = check_plan(plan)
         tables = {name: check_field(name, value, plan) for name, value in fields.items()}
         spread = broadcast({"body": check_field("body", body, plan), **tables})
         return cls.fill(spread, flag("reactive", reactive), plan)

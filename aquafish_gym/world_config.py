@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from aquafish_gym.plans import AQUAFISH, check_same_plan
-from aquafish_gym.scenario import Scenario, check_row
-from aquafish_gym.utils.array_types import Triple
-from aquafish_gym.utils.validation import flag, instance, integer
+import numpy as np
+
+from aquafish_gym.plans import BodyPlan
+from aquafish_gym.scenario import LARGEST_GAIN, Scenario, check_row
+from aquafish_gym.utils.array_types import Floats, Triple
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    flag,
+    instance,
+    integer,
+)
 
 MAXIMUM_SUBSTEPS = 64
 
@@ -33,8 +41,8 @@ class WorldConfig:
     """Velocity of the water in the world, x, y and z in units/s, up to 20 each way."""
     drag: tuple[float, float] = (1.0, 1.0)
     """Factors on the drag of the fins and on that of the body, 0 to 10."""
-    servo_gain: Triple = (1.0, 1.0, 1.0)
-    """Speed over command of the left, right and caudal servo, -2 to 2; 0 is seized, -1 reversed."""
+    servo_gain: tuple[float, ...] = (1.0,)
+    """Speed over command of all servos, or of each, -2 to 2; 0 is seized, -1 reversed."""
     lag: float = 0.0
     """Delay from a command to the servos' motion, 0 to 1 s."""
     reactive: bool = False
@@ -43,9 +51,16 @@ class WorldConfig:
     """Physics steps in 0.01 s, 1 to 64."""
 
     def __post_init__(self) -> None:
-        for name in ("current", "drag", "servo_gain"):
+        for name in ("current", "drag"):
             row = check_row(name, getattr(self, name))
             object.__setattr__(self, name, tuple(row.tolist()))
+        gains = finite_array(
+            "servo_gain", self.servo_gain, (None,), -LARGEST_GAIN, LARGEST_GAIN, flat=True
+        ).tolist()
+        if not gains:
+            raise InvalidArgumentError("servo_gain must be one number or more; got none")
+        alike = len(set(gains)) == 1
+        object.__setattr__(self, "servo_gain", tuple(gains[:1] if alike else gains))
         object.__setattr__(self, "lag", float(check_row("servo_lag", self.lag, argument="lag")))
         flag("reactive", self.reactive)
         integer("substeps", self.substeps, 1, MAXIMUM_SUBSTEPS)
@@ -60,23 +75,37 @@ class WorldConfig:
         (1.0, 0.4, 1.0)
         """
         instance("robot", robot, Scenario)
-        check_same_plan("robot", robot.plan, AQUAFISH)
         names = ("current", "drag", "servo_gain")
         rows: dict[str, Any] = {name: getattr(robot, name)[0] for name in names}
         return cls(**rows, lag=float(robot.servo_lag[0]), reactive=robot.reactive)
 
+    def gains(self, plan: BodyPlan) -> Floats:
+        """Return the gain (F,) of each servo of a plan's robot.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there are several, and not one for each servo.
+        """
+        if len(self.servo_gain) not in (1, len(plan.fins)):
+            raise InvalidArgumentError(
+                f"servo_gain must be one number, or {len(plan.fins)} for {', '.join(plan.names)}; "
+                f"got {self.servo_gain}"
+            )
+        return np.resize(self.servo_gain, len(plan.fins))
+
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""
         instance("scenario", scenario, Scenario)
-        check_same_plan("scenario", scenario.plan, AQUAFISH)  # it has three gains
+        gains = self.gains(scenario.plan)
         rates = dict(scenario.rates)
         if "servo_gain" in rates:
-            rates["servo_gain"] = rates["servo_gain"] * self.servo_gain
+            rates["servo_gain"] = rates["servo_gain"] * gains
         return replace(
             scenario,
             current=scenario.current + self.current,
             drag=scenario.drag * self.drag,
-            servo_gain=scenario.servo_gain * self.servo_gain,
+            servo_gain=scenario.servo_gain * gains,
             servo_lag=scenario.servo_lag + self.lag,
             reactive=scenario.reactive or self.reactive,
             rates=rates,

@@ -10,7 +10,7 @@ from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.plans import AQUAFISH, PlanLike, check_plan
 from aquafish_gym.scenario import TIMESTEP as TIMESTEP
 from aquafish_gym.scenario import Scenario, broadcast, check_field
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
@@ -40,7 +40,7 @@ def simulate(
     begun: int = 0,
     velocity: ArrayLike = (0.0, 0.0, 0.0),
     spin: ArrayLike = (0.0, 0.0, 0.0),
-    plan: BodyPlan = AQUAFISH,
+    plan: PlanLike = AQUAFISH,
 ) -> ImuLog:
     """Return what the IMUs of B robots log while they swim.
 
@@ -98,7 +98,7 @@ def simulate(
     spin
         (3,) or (B, 3) angular velocity at the start, rad/s in body axes, up to 100.
     plan
-        The robots' body plan: the paper's by default.
+        The robots' body plan, or its name in ``PLANS``: the paper's by default.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
-    check_plan(plan)
+    plan = check_plan(plan)
     angles = np.zeros(len(plan.fins)) if fin_angles is None else fin_angles
     tables = {
         "morphologies": check_field("body", morphologies, plan, "morphologies"),

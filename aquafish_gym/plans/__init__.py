@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from aquafish_gym.plans.aquafish import AQUAFISH
 from aquafish_gym.plans.four_fins import FOUR_FINS
 from aquafish_gym.plans.plan import (
@@ -10,10 +13,11 @@ from aquafish_gym.plans.plan import (
     FinPlan,
     Hull,
     Sizes,
-    check_plan,
     check_same_plan,
 )
 from aquafish_gym.plans.tail_fish import TAIL_FISH
+from aquafish_gym.utils.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of
 
 __all__ = [
     "AQUAFISH",
@@ -24,10 +28,46 @@ __all__ = [
     "Dimension",
     "FinPlan",
     "Hull",
+    "PlanLike",
     "Sizes",
     "check_plan",
     "check_same_plan",
+    "plan_document",
 ]
 
 #: The plans by name.
 PLANS: dict[str, BodyPlan] = {plan.name: plan for plan in (AQUAFISH, FOUR_FINS, TAIL_FISH)}
+
+PlanLike = BodyPlan | str | Mapping[str, Any]
+
+
+def check_plan(plan: object) -> BodyPlan:
+    """Return a plan, given one, the name of one of ``PLANS``, a JSON file, or what is in it.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is none of them.
+
+    Examples
+    --------
+    >>> check_plan("four-fins").names
+    ('fore_left', 'fore_right', 'hind_left', 'hind_right')
+    """
+    match plan:
+        case BodyPlan():
+            return plan
+        case Mapping():
+            return BodyPlan.from_dict(plan)
+        case str() if plan.endswith(".json"):
+            return BodyPlan.from_dict(read_document(plan, argument="plan"))
+        case str():
+            return PLANS[one_of("plan", plan, (*PLANS, "FILE.json"))]
+    raise InvalidArgumentError(
+        f"plan must be a BodyPlan, a name of PLANS or a JSON file of a plan; got {brief(plan)}"
+    )
+
+
+def plan_document(plan: BodyPlan) -> str | dict[str, Any]:
+    """Return what a file says of a plan, ready for JSON: its name where it is one of ``PLANS``."""
+    return plan.name if PLANS.get(plan.name) == plan else plan.to_dict()

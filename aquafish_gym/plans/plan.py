@@ -365,7 +365,7 @@ class BodyPlan:
 
     def to_json(self) -> str:
         """Return one line of JSON that ``from_json`` reads back exactly."""
-        return json.dumps(asdict(self), allow_nan=False)
+        return json.dumps(self.to_dict(), allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -373,7 +373,16 @@ class BodyPlan:
 
         Sizes are lists of length, width and thickness, in units.
         """
-        document = _object("plan", parse_json("plan", text), cls)
+        return cls.from_dict(parse_json("plan", text))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``from_dict`` reads back exactly, ready for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, value: object) -> Self:
+        """Return the plan of the fields of ``to_dict``; anything else is refused."""
+        document = _object("plan", value, cls)
         hull = Hull(**_object("plan.hull", document["hull"], Hull))
         fins = sequence("plan.fins", document["fins"])
         return cls(
@@ -381,11 +390,6 @@ class BodyPlan:
             hull,
             tuple(FinPlan(**_object("a fin of plan.fins", fin, FinPlan)) for fin in fins),
         )
-
-
-def check_plan(plan: object) -> BodyPlan:
-    """Return a plan, which must be one."""
-    return instance("plan", plan, BodyPlan)
 
 
 def check_same_plan(argument: str, plan: BodyPlan, wanted: BodyPlan) -> None:

@@ -236,7 +236,7 @@ def _distances(
     bodies, poses = pair_swims(sizes, angles if state is None else _only_pose(state, angles))
     swims = len(poses)
     fins = None if believed is None else _each_swim("believed", believed, swims)
-    gain = world.servo_gain if believed_gain is None else believed_gain
+    gain = world.gains(AQUAFISH) if believed_gain is None else believed_gain
     gains = _each_swim("believed_gain", gain, swims)
     sensing = not controllers or any(controller.senses.fins for controller in controllers)
     refuse_unused(sensing, "believed", believed)

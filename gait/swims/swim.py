@@ -12,6 +12,7 @@ from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import finite_array, instance, integer
@@ -124,7 +125,7 @@ def swim(
     body = Morphology.coerce(morphology)
     time = step_count(seconds) * TIMESTEP
     water = check_world(world)
-    gain = water.servo_gain if believed_gain is None else believed_gain
+    gain = water.gains(AQUAFISH) if believed_gain is None else believed_gain
     gain = finite_array("believed_gain", gain, (3,))
     beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "believed", believed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,14 @@ from aquafish_gym.physics import dynamics, reactive
 from aquafish_gym.physics.kinematics import State, at_rest, rotation
 from aquafish_gym.physics.law import law
 from aquafish_gym.physics.layout import layout, robot_of, state_numbers
-from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
+from aquafish_gym.plans import (
+    AQUAFISH,
+    FOUR_FINS,
+    TAIL_FISH,
+    BodyPlan,
+    check_plan,
+    plan_document,
+)
 from aquafish_gym.rollout import Program, rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
@@ -216,10 +224,33 @@ def test_what_is_of_another_plan_is_refused() -> None:
     program = Program(function, np.zeros((1, 1)), np.zeros(1, np.int64), 0, 20)
     asked: list[Callable[[], object]] = [
         lambda: rollout(program, fish, seconds=1.0),
-        lambda: WorldConfig().edit(fish),
-        lambda: WorldConfig.of(fish),
         lambda: Scenario.create(Morphology.nominal(), plan=TAIL_FISH),
     ]
     for ask in asked:
         with pytest.raises(InvalidArgumentError, match=r"must be of the plan (tail-fish|aquafish)"):
             ask()
+
+
+def test_a_world_is_for_any_plan() -> None:
+    fish = Scenario.create(plan=FOUR_FINS)
+    weak = WorldConfig(servo_gain=(1.0, 0.5, 1.0, 0.0))
+    assert weak.edit(fish).servo_gain.tolist() == [[1.0, 0.5, 1.0, 0.0]]
+    assert WorldConfig.of(weak.edit(fish)) == weak
+    assert WorldConfig(servo_gain=0.5).edit(fish).servo_gain.tolist() == [[0.5] * 4]
+    assert WorldConfig.of(fish) == WorldConfig(servo_gain=(1.0, 1.0)) == WorldConfig()
+    with pytest.raises(InvalidArgumentError, match=r"one number, or 4 for fore_left, .*got \(1"):
+        WorldConfig(servo_gain=(1.0, 0.5, 1.0)).edit(fish)
+
+
+def test_a_plan_is_asked_for_by_name_or_file(tmp_path: Path) -> None:
+    path = tmp_path / "odd.json"
+    path.write_text(ODD.to_json())
+    assert check_plan(str(path)) == check_plan(ODD.to_dict()) == check_plan(ODD) == ODD
+    assert check_plan(plan_document(FOUR_FINS)) is FOUR_FINS
+    assert plan_document(FOUR_FINS) == "four-fins"
+    assert plan_document(ODD) == ODD.to_dict()
+    log = simulate(None, np.zeros(4), steps=1, engine="numba", plan="four-fins")
+    assert Morphology.nominal("four-fins").plan == FOUR_FINS
+    assert log.rpy.shape == (1, 1, 3)
+    with pytest.raises(InvalidArgumentError, match="did you mean 'tail-fish'"):
+        Scenario.create(plan="tail fish")

@@ -100,7 +100,9 @@ ROWS = [
             "current": np.zeros(3), "drag": (1.0, 1.0), "servo_gain": np.ones(3), "lag": 0.0,
             "reactive": False, "substeps": 1, "gyro_noise": 0.0, "gyro_bias": np.zeros(3),
         },
-        options(gyro_noise="fraction", reactive="true", lag="fraction"),
+        options(
+            gyro_noise="fraction", reactive="true", lag="fraction", servo_gain="fraction, minus one"
+        ),
     ),
     Call(
         SwimLog,

@@ -180,7 +180,7 @@ ROWS = [
             "current": np.zeros(3), "drag": (1.0, 1.0), "servo_gain": np.ones(3), "lag": 0.0,
             "reactive": False, "substeps": 1,
         },
-        options(reactive="true", lag="fraction"),
+        options(reactive="true", lag="fraction", servo_gain="fraction, minus one"),
     ),
     Call(WorldConfig().edit, {"scenario": SCENARIO}),
     Call(WorldConfig.of, {"robot": SCENARIO}),
