@@ -166,7 +166,8 @@ class FinPlan:
                 norm = float(np.linalg.norm(point))
                 if norm == 0.0:
                     raise InvalidArgumentError(f"{at}{name} must have a length; got {brief(point)}")
-                point = point / norm
+                if abs(norm - 1.0) > _ROUNDING:  # else a plan would not be read back to the bit
+                    point = point / norm
             object.__setattr__(self, name, tuple(point.tolist()))
         if abs(np.dot(self.axis, self.direction)) > _ROUNDING:
             raise InvalidArgumentError(
