@@ -10,21 +10,23 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.rendering import FilmedSwim, film
 from aquafish_gym.rendering.films import film_frames, fitting_view
 from aquafish_gym.runs.progress import show_share
+from tests.plans import ODD
 
-NOMINAL = Morphology.nominal()
 SIZE = (160, 96)
 
 
-def straight(speed: float, seconds: float = 1.0) -> FilmedSwim:
+def straight(speed: float, seconds: float = 1.0, plan: BodyPlan = AQUAFISH) -> FilmedSwim:
     """Return a swim along y."""
     time = np.linspace(0.0, seconds, round(seconds / 0.05) + 1)
     position = np.outer(time * speed, (0.0, 1.0, 0.0))
     turn = np.tile((0.0, 0.0, 0.0, 1.0), (len(time), 1))
-    bodies, broken = np.tile(NOMINAL.to_array(), (len(time), 1)), np.zeros((len(time), 3), bool)
-    return FilmedSwim("fish", time, bodies, broken, position, turn, np.zeros((len(time), 3)))
+    bodies = np.tile(Morphology.nominal(plan).to_array(), (len(time), 1))
+    angles = np.zeros((len(time), len(plan.fins)))
+    return FilmedSwim("fish", time, bodies, angles > 0, position, turn, angles, plan)
 
 
 def frames(*swims: FilmedSwim, fps: float = 10.0, speed: float = 1.0) -> NDArray[np.int64]:
@@ -62,6 +64,14 @@ def test_a_fin_is_marked_from_the_moment_it_breaks() -> None:
     assert (whole[5:] != breaks[5:]).any(axis=(1, 2, 3)).all()
 
 
+def test_fish_of_different_plans_swim_side_by_side() -> None:
+    both = frames(straight(1.0), straight(8.0, plan=ODD))
+    alone = frames(straight(1.0))
+    half = SIZE[1] // 2
+    assert reddest_columns(both[-1][half:]).max() > reddest_columns(both[0][half:]).max() + 20
+    assert len(both) == len(alone)
+
+
 def test_a_robot_that_diverges_stays_where_it_was_last() -> None:
     swim = straight(4.0)
     swim.position[11:] = np.nan
@@ -74,7 +84,7 @@ def test_every_fish_is_in_the_frame() -> None:
     rng = np.random.default_rng(0)
     for aspect in (0.5, 1.0, 2.0):
         points = rng.normal(size=(50, 3)) * (9.0, 30.0, 4.0)
-        view = fitting_view(points, aspect)
+        view = fitting_view(points, aspect, 2.4)
         x, y, depth = view.project(points, round(1000 * aspect), 1000).T
         assert (depth > 0).all()
         assert ((x > 0) & (x < 1000 * aspect) & (y > 0) & (y < 1000)).all()

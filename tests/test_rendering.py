@@ -18,6 +18,8 @@ from PIL import Image
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import Camera, render_pose
+from aquafish_gym.utils.validation import UnknownNameError
+from tests.plans import ODD
 
 NOMINAL = Morphology.nominal()
 HERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -46,6 +48,15 @@ def test_fins_are_red_and_stand_where_they_should() -> None:
     assert mask[:, 86:].any()
     assert mask[75:, 74:86].any()
     assert not mask[:40, 74:86].any()
+
+
+def test_another_fish_is_drawn_with_its_own_fins() -> None:
+    """From above, nose up: a flipper to the left, a fin to the right."""
+    mask = red(picture(Morphology.nominal(ODD), angles=np.zeros(5), camera=ABOVE))
+    assert mask[:, :70].any()
+    assert mask[:, 88:].any()
+    with pytest.raises(UnknownNameError, match="skew, keel, top"):
+        render_pose(Morphology.nominal(ODD), HERE, np.zeros(5), broken=("caudal",))
 
 
 def test_a_missing_fin_is_not_drawn() -> None:

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.rendering import scene
+from tests.plans import PLANS
 
 NOMINAL = Morphology.nominal()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -45,31 +46,26 @@ def test_fins_hang_from_their_hinges() -> None:
     np.testing.assert_allclose(tail, (1 + 2 + 0.7 * c, 2 + 0.7 * s, 3.0), atol=1e-12)
 
 
-def test_fins_agree_with_rotations_of_scipy() -> None:
+@pytest.mark.parametrize("plan", PLANS, ids=repr)
+def test_fins_agree_with_rotations_of_scipy(plan: BodyPlan) -> None:
     rng = np.random.default_rng(0)
-    positions, angles = rng.normal(size=(20, 3)), rng.uniform(-4, 4, (20, 3))
+    positions, angles = rng.normal(size=(20, 3)), rng.uniform(-4, 4, (20, len(plan.fins)))
     body = Rotation.random(20, rng=rng)
-    sizes = Morphology.from_array(rng.uniform(0.1, 0.5, 9))
-    bodies, whole = np.tile(sizes.to_array(), (20, 1)), np.zeros((20, 3), bool)
-    poses = scene.place_robots(bodies, whole, positions, body.as_quat(), angles).poses
-    joints = (
-        ((-0.75, 1.0, 0.0), np.outer(angles[:, 0], (1, 0, 0)), sizes.left_pectoral[1]),
-        ((0.75, 1.0, 0.0), np.outer(angles[:, 1], (1, 0, 0)), sizes.right_pectoral[1]),
-        (
-            (0.0, -2.0, 0.0),
-            np.outer(np.sin(angles[:, 2]) * math.pi / 6, (0, 0, 1)),
-            sizes.caudal[1],
-        ),
-    )
-    for pose, (hinge, angle, length) in zip(
-        np.moveaxis(poses, 1, 0)[scene.fin_parts()], joints, strict=True
-    ):
-        fin = body * Rotation.from_rotvec(angle)
-        centre = positions + body.apply(hinge) + fin.apply((0.0, -length / 2, 0.0))
-        np.testing.assert_allclose(pose[:, :3], centre, atol=1e-12)
-        np.testing.assert_allclose(
-            (Rotation.from_quat(pose[:, 3:]).inv() * fin).magnitude(), 0, atol=1e-7
-        )
+    sizes = rng.uniform(0.1, 0.5, len(plan.dimensions))
+    bodies, whole = np.tile(sizes, (20, 1)), np.zeros(angles.shape, bool)
+    robots = scene.place_robots(bodies, whole, positions, body.as_quat(), angles, plan)
+    parts = np.moveaxis(robots.poses, 1, 0)[scene.fin_parts(plan)]
+    for i, fin in enumerate(plan.fins):
+        angle = angles[:, i] if fin.turns else fin.sweep * np.sin(angles[:, i])
+        turn = body * Rotation.from_rotvec(np.outer(angle, fin.axis))
+        along = fin.order.index("length")
+        middle = 0.5 * sizes[3 * i + along] * np.array(fin.direction)
+        centre = positions + body.apply(fin.hinge) + turn.apply(middle)
+        np.testing.assert_allclose(parts[i, :, :3], centre, atol=1e-12)
+        # Its box's own axes are those in which its sizes are stated.
+        own = Rotation.from_quat(parts[i, :, 3:]).apply(np.eye(3)[along])
+        share = np.sum(own * turn.apply(fin.direction), axis=1)
+        np.testing.assert_allclose(np.abs(share), 1.0, atol=1e-12)
 
 
 def test_a_fin_without_area_is_not_drawn_and_leaves_its_break() -> None:

@@ -65,16 +65,18 @@ def live_page() -> str:
         "broken": css(scene.BROKEN_FIN),
         "muted": MUTED,
     }
+    room = scene.fish_room(AQUAFISH)
     data = {
         "timestep": TIMESTEP,
         "cmPerUnit": scene.CM_PER_UNIT,
         "horizon": GAIT_HORIZON_SECONDS,
         "partNumbers": scene.PART_NUMBERS,
         "rows": {name: FIELDS[name].start for name in ("orientation", "position")},
-        "floor": scene.FLOOR_HEIGHT,
+        "floor": -scene.FLOOR_DEPTH * room,
         "slowFrame": 1000 / FEWEST_FRAMES,
-        "clearance": scene.CLEARANCE,
+        "clearance": scene.CLEARANCE * room,
         "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
+        "parts": len(scene.drawn_parts()),
         "firstFin": scene.fin_parts().start,
         "capsule": (2 * AQUAFISH.hull.radius, AQUAFISH.hull.length),
         "colours": colours,

@@ -123,8 +123,8 @@ function live(host, data, three) {
   const camera = new three.PerspectiveCamera(35, 1, 1, 400);
   const orbit = new three.OrbitControls(camera, renderer.domElement);
   const [wide, long] = data.capsule;
-  const fish = addFish(three, scene, wide, long, colours.fish);
-  const ghost = addFish(three, scene, wide, long, colours.belief);
+  const fish = addFish(three, scene, data.parts, wide, long, colours.fish);
+  const ghost = addFish(three, scene, data.parts, wide, long, colours.belief);
   const sun = addLight(three, renderer, scene, colours.water, 14);
   const sand = addFloor(three, renderer, scene, data.grid, colours);
   const trail = addTrail(three, scene, colours.fish, 1000);

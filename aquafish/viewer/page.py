@@ -354,7 +354,7 @@ class Viewer:
             robots = robots_in(states, swim.robots.body, broken)
             self.robots.show(robots)
             self.world.position = -places.mean(axis=1) if self.follow.value else np.zeros(3)
-            self.floor.position = (0.0, 0.0, scene.floor_below(places.T))
+            self.floor.position = (0.0, 0.0, scene.floor_below(places.T, scene.fish_room(AQUAFISH)))
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
                 # Of the fins, then the body; an arrow of no length has no direction.

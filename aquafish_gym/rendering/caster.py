@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,26 +32,13 @@ _jit = functools.partial(compiled, error_model="numpy", nogil=True)
 
 
 def draw(
-    view: CameraView, floor: float, robots: DrawnRobots, width: int, height: int
+    view: CameraView, floor: float, robots: Sequence[DrawnRobots], width: int, height: int
 ) -> tuple[Frame, Floats]:
     """Return a picture (height, width, 3) of robots in their water, over the ruled floor.
 
     Also return the share (height, width) of each pixel that the robots cover.
     """
-    x, y, z, w = np.moveaxis(robots.poses[..., 3:], -1, 0)
-    axes = [  # as the columns of a matrix
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    ]
-    half = robots.sizes / 2
-    centres = robots.poses[..., :3]
-    table = [half, centres, np.stack(axes, axis=-1), robots.colours]
-    table.append(np.sum(half**2, axis=-1, keepdims=True))  # squared radius of a bounding ball
-    capsule = np.zeros((*half.shape[:-1], 1))
-    capsule[:, 0] = 1.0  # the others are boxes
-    table.append(capsule)
-    parts = np.concatenate(table, axis=-1).reshape(-1, 20)
+    parts = np.concatenate([_parts(some) for some in robots])
     shown = np.full((height, width), _UNSEEN, np.int32)
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8)
     for part in parts[parts[:, 0] > 0]:
@@ -72,6 +60,24 @@ def draw(
     _paint_water(picture, camera, np.array(colours, float))
     _paint_robots(picture, picture.copy(), cover, shown, camera, parts)
     return picture, cover
+
+
+def _parts(robots: DrawnRobots) -> Floats:
+    """Return the numbers (N P, 20) of each part of robots."""
+    x, y, z, w = np.moveaxis(robots.poses[..., 3:], -1, 0)
+    axes = [  # as the columns of a matrix
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        *(2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        *(2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    ]
+    half = robots.sizes / 2
+    centres = robots.poses[..., :3]
+    table = [half, centres, np.stack(axes, axis=-1), robots.colours]
+    table.append(np.sum(half**2, axis=-1, keepdims=True))  # squared radius of a bounding ball
+    capsule = np.zeros((*half.shape[:-1], 1))
+    capsule[:, 0] = 1.0  # the others are boxes
+    table.append(capsule)
+    return np.concatenate(table, axis=-1).reshape(-1, 20)
 
 
 @_jit

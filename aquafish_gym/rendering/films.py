@@ -18,8 +18,8 @@ import numpy as np
 
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import Camera, CameraView, Frame
-from aquafish_gym.rendering.course import FISH_ROOM, FilmedSwim, lay_out
-from aquafish_gym.rendering.scene import CM_PER_UNIT
+from aquafish_gym.rendering.course import FilmedSwim, lay_out
+from aquafish_gym.rendering.scene import CM_PER_UNIT, fish_room
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import existing_folder, write_bytes
 from aquafish_gym.utils.validation import (
@@ -94,7 +94,9 @@ def film_frames(
 
     course = lay_out(swims)
     lanes = course.lanes
-    view = fitting_view(np.concatenate([lane.position for lane in lanes]), width / height)
+    everywhere = np.concatenate([lane.position for lane in lanes])
+    room = max(fish_room(lane.plan) for lane in lanes)
+    view = fitting_view(everywhere, width / height, room)
     rulers = [
         (np.array([(x, y, 0.0) for x in course.ends]), scene.GRID if y else scene.INK)
         for y, _ in course.marks
@@ -109,10 +111,7 @@ def film_frames(
     edge = size // 2
     for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
-        bodies, broken, positions, quaternions, angles = (
-            np.stack([lane[k][i] for lane, i in zip(lanes, last, strict=True)]) for k in range(2, 7)
-        )
-        robots = scene.place_robots(bodies, broken, positions, quaternions, angles)
+        robots = [_at(lane, i) for lane, i in zip(lanes, last, strict=True)]
         picture, cover = caster.draw(view, course.floor, robots, width, height)
         image = Image.fromarray(picture)
         trails = [lane.position[: i + 1] for lane, i in zip(lanes, last, strict=True)]
@@ -120,7 +119,8 @@ def film_frames(
             image.paste(colour, mask=_line(view, points, cover))
         draw = ImageDraw.Draw(image)
         for lane, trail, colour in zip(lanes, trails, course.colours, strict=True):
-            row = view.project(lane.position[0] - (1.7, 0.0, 0.0), width, height)[1]
+            beside = (fish_room(lane.plan) - 0.7, 0.0, 0.0)
+            row = view.project(lane.position[0] - beside, width, height)[1]
             at = (edge, min(max(row, 3 * size), height - size))
             text = f"{lane.label}  {trail[-1, 1] * CM_PER_UNIT:+z.0f} cm"
             draw.text(at, text, colour, font, "ls", stroke_width=2, stroke_fill=scene.WATER_ABOVE)
@@ -134,11 +134,20 @@ def film_frames(
         yield np.array(image)
 
 
-def fitting_view(points: Floats, aspect: float) -> CameraView:
-    """Return a view from the right and above that shows fish at all points (n, 3)."""
+def _at(lane: FilmedSwim, sample: int) -> scene.DrawnRobots:
+    """Return the robot of one sample of a swim."""
+    some = slice(sample, sample + 1)
+    return scene.place_robots(
+        lane.bodies[some], lane.broken[some], lane.position[some], lane.quaternion[some],
+        lane.fin_angles[some], lane.plan,
+    )  # fmt: skip
+
+
+def fitting_view(points: Floats, aspect: float, room: float) -> CameraView:
+    """Return a view from the right and above of fish with some room around points (n, 3)."""
     camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
-    around = np.array(list(itertools.product((-FISH_ROOM, FISH_ROOM), repeat=3)))
+    around = np.array(list(itertools.product((-room, room), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
     centre = []
     far = []

@@ -156,7 +156,9 @@ def _columns(lane: FilmedSwim) -> bytes:
     count = len(lane.time)
     origin = np.zeros((count, 3))
     upright = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
-    robots = scene.place_robots(lane.bodies, lane.broken, origin, upright, lane.fin_angles)
+    robots = scene.place_robots(
+        lane.bodies, lane.broken, origin, upright, lane.fin_angles, lane.plan
+    )
     parts = np.concatenate([robots.poses, robots.sizes, robots.colours / 255], axis=-1)
     table = np.concatenate([lane.position, lane.quaternion, parts.reshape(count, -1)], axis=1)
     return np.ascontiguousarray(table.T, dtype="<f4").tobytes()

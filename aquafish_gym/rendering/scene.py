@@ -43,8 +43,8 @@ SAND: Colour = (146, 199, 217)
 GRID: Colour = (96, 158, 186)
 INK: Colour = (28, 60, 84)  # start line and text
 
-FLOOR_HEIGHT = -3.0  # height of the floor, z
-CLEARANCE = 2.0  # least distance of the floor below a diving robot
+FLOOR_DEPTH = 1.25  # of the floor below the start, in rooms of the fish
+CLEARANCE = 1 / 1.2  # least distance of the floor below a diving fish, in its rooms
 GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
@@ -71,6 +71,12 @@ def fin_parts(plan: BodyPlan = AQUAFISH) -> slice:
     """Return where the fins stand among the drawn parts."""
     first = len(drawn_parts(plan)) - 2 * len(plan.fins)
     return slice(first, first + len(plan.fins))
+
+
+def fish_room(plan: BodyPlan) -> float:
+    """Return the radius of the room that pictures give a fish around its centre, units."""
+    fins = (math.hypot(fin.hinge[0], fin.hinge[2]) + fin.nominal.length for fin in plan.fins)
+    return max(0.6 * plan.hull.length, *fins)
 
 
 class DrawnPart(NamedTuple):
@@ -197,9 +203,9 @@ def _turned(axis: Vector, cosine: Number, v: Vector) -> Vector:
     return add(v, scale(2.0, cross(axis, add(cross(axis, v), scale(cosine, v)))))
 
 
-def floor_below(positions: Floats) -> float:
-    """Return the height of the floor under robots at positions (N, 3)."""
-    return min(FLOOR_HEIGHT, float(positions[:, 2].min()) - CLEARANCE)
+def floor_below(positions: Floats, room: float) -> float:
+    """Return the height of the floor under robots at positions (N, 3), of a :func:`fish_room`."""
+    return min(-FLOOR_DEPTH * room, float(positions[:, 2].min()) - CLEARANCE * room)
 
 
 def _multiply(p: Floats, q: Floats) -> Floats:

@@ -57,13 +57,17 @@ function play(host, data, three) {
 
   function addSwimmer(one) {
     const [wide, long] = read(one, 14, 0);
-    Object.assign(one, addFish(three, scene, wide, long, one.colour));
+    const count = (one.columns.length / one.samples - 7) / 13;
+    Object.assign(one, addFish(three, scene, count, wide, long, one.colour));
     one.trail = addTrail(three, scene, one.colour, one.samples);
     for (let row = 0; row < one.samples; row += 1) {
       const [x, y, z] = read(one, 0, row);
       one.trail.setMatrixAt(row, new three.Matrix4().makeTranslation(x, y, floor + 0.04));
-      shown.push(new three.Vector3(x, y + 2, z + 1), new three.Vector3(x + 1.5, y - 1.5, floor));
-      shown.push(new three.Vector3(x - 1.5, y, floor));
+      const half = long / 2;
+      const aside = 0.75 * half;
+      shown.push(new three.Vector3(x, y + half, z + half / 2));
+      shown.push(new three.Vector3(x + aside, y - aside, floor));
+      shown.push(new three.Vector3(x - aside, y, floor));
     }
     one.text = addText(legend, "label", one.label);
     one.text.style.borderColor = one.colour;

@@ -42,12 +42,12 @@ function addText(parent, kind, words) {
   return element;
 }
 
-// Returns a fish of nine parts, whose capsule is so wide and long, with a band of a colour.
-function addFish(three, scene, wide, long, colour) {
+// Returns a fish of some parts, whose capsule is so wide and long, with a band of a colour.
+function addFish(three, scene, count, wide, long, colour) {
   const capsule = (radius, length) => new three.CapsuleGeometry(radius, length, 16, 40);
   const body = new three.Group();
   const band = addMesh(three, body, capsule(wide / 2 + 0.02, 0.1), colour);
-  const parts = Array.from({ length: 9 }, (_, k) => {
+  const parts = Array.from({ length: count }, (_, k) => {
     const cube = k && new three.BoxGeometry(1, 1, 1);
     const part = addMesh(three, body, cube || capsule(wide / 2, long - wide), "white");
     part.castShadow = true;
