@@ -24,9 +24,9 @@ from aquafish_gym.damage.words import (
     Range,
     Words,
     can_grow,
-    known_fins,
     needs_number,
 )
+from aquafish_gym.plans import KNOWN_FINS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -121,7 +121,7 @@ class Fault:
                     f"{name} strikes at once: of {self.part}, {' and '.join(growing)} can grow; "
                     f"got the growth {self.growth:g} s"
                 )
-        angle = self.word == "seized" and self.number is not None and self.part in known_fins()
+        angle = self.word == "seized" and self.number is not None and self.part in KNOWN_FINS
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
                 f"damage {self.part}:seized has an angle only from the beginning, since a fin "
@@ -206,7 +206,7 @@ class Fault:
         """Return what it is about, in words."""
         if self.part == RANDOM:
             return f"something {self.word}"
-        words = known_fins() | {"gyro": "gyroscope"}
+        words = KNOWN_FINS | {"gyro": "gyroscope"}
         return whose + words[self.part] if self.part in words else self.part
 
     @property
@@ -257,7 +257,7 @@ def words_of(part: object) -> Words:
                 f"damage part must be {side}, {side}_0 or {side}_0-2 to be of the {side}; "
                 f"got {brief(part)}"
             )
-    known = {**PARTS, **dict.fromkeys(known_fins(), FIN_WORDS)}
+    known = {**PARTS, **dict.fromkeys(KNOWN_FINS, FIN_WORDS)}
     return known[one_of("damage part", part, (*known, RANDOM, *CHANNEL_WORDS))]
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
-from aquafish_gym.plans import AQUAFISH, PLANS, BodyPlan
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN
 
@@ -95,11 +95,6 @@ def parts_of(plan: BodyPlan) -> Mapping[str, Words]:
 
 #: Those of the paper's fish.
 PARTS: Mapping[str, Words] = parts_of(AQUAFISH)
-
-
-def known_fins() -> dict[str, str]:
-    """Return the fins of all ``PLANS``, which damage can name, and what people call them."""
-    return {name: word for plan in PLANS.values() for name, word in plan.words.items()}
 
 
 #: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``

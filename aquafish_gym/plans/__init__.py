@@ -22,6 +22,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of
 __all__ = [
     "AQUAFISH",
     "FOUR_FINS",
+    "KNOWN_FINS",
     "PLANS",
     "TAIL_FISH",
     "BodyPlan",
@@ -38,11 +39,19 @@ __all__ = [
 #: The plans by name.
 PLANS: dict[str, BodyPlan] = {plan.name: plan for plan in (AQUAFISH, FOUR_FINS, TAIL_FISH)}
 
+#: The fins that damage can name, and what people call them: of ``PLANS``, and of every plan that
+#: :func:`check_plan` has let in.
+KNOWN_FINS: dict[str, str] = {
+    name: word for plan in PLANS.values() for name, word in plan.words.items()
+}
+
 PlanLike = BodyPlan | str | Mapping[str, Any]
 
 
 def check_plan(plan: object) -> BodyPlan:
     """Return a plan, given one, the name of one of ``PLANS``, a JSON file, or what is in it.
+
+    From then on, damage can name its fins.
 
     Raises
     ------
@@ -56,16 +65,21 @@ def check_plan(plan: object) -> BodyPlan:
     """
     match plan:
         case BodyPlan():
-            return plan
+            found = plan
         case Mapping():
-            return BodyPlan.from_dict(plan)
+            found = BodyPlan.from_dict(plan)
         case str() if plan.endswith(".json"):
-            return BodyPlan.from_dict(read_document(plan, argument="plan"))
+            found = BodyPlan.from_dict(read_document(plan, argument="plan"))
         case str():
-            return PLANS[one_of("plan", plan, (*PLANS, "FILE.json"))]
-    raise InvalidArgumentError(
-        f"plan must be a BodyPlan, a name of PLANS or a JSON file of a plan; got {brief(plan)}"
-    )
+            found = PLANS[one_of("plan", plan, (*PLANS, "FILE.json"))]
+        case _:
+            raise InvalidArgumentError(
+                "plan must be a BodyPlan, a name of PLANS or a JSON file of a plan; "
+                f"got {brief(plan)}"
+            )
+    if not found.words.keys() <= KNOWN_FINS.keys():
+        KNOWN_FINS.update(found.words | KNOWN_FINS)
+    return found
 
 
 def plan_document(plan: BodyPlan) -> str | dict[str, Any]:

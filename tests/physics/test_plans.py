@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-import aquafish_gym
 from aquafish_gym import Damage, WorldConfig, simulate
 from aquafish_gym.damage import edit_each
 from aquafish_gym.engines.worlds import World
@@ -209,12 +209,17 @@ def test_random_damage_is_of_the_plans_own_fins() -> None:
     assert (lost | (broken.servo_gain != 1.0)).any(axis=0).all()
 
 
-def test_a_plan_of_ones_own_is_named_once_it_is_among_the_plans(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(aquafish_gym.PLANS, ODD.name, ODD)
-    robot = Damage.parse("keel:missing").edit(Scenario.create(plan=ODD))
-    assert robot.body[0, 3:6].tolist() == [0.0, 0.0, 0.0]
+def test_damage_names_the_fins_of_a_plan_of_ones_own_once_it_was_given(tmp_path: Path) -> None:
+    fin = replace(ODD.fins[1], name="bow_plane", word="plane at the bow")
+    path = tmp_path / "own.json"
+    path.write_text(BodyPlan("own", ODD.hull, (fin,)).to_json())
+    with pytest.raises(UnknownNameError, match="got 'bow_plane'"):
+        Damage.parse("bow_plane:missing")
+    plan = check_plan(str(path))
+    damage = Damage.parse("bow_plane:missing")
+    assert damage.said() == "the plane at the bow is missing"
+    assert damage.edit(Scenario.create(plan=plan)).body.tolist() == [[0.0, 0.0, 0.0]]
+    assert plan_document(plan) == plan.to_dict()  # other processes read it
 
 
 def test_what_is_of_another_plan_is_refused() -> None:
