@@ -71,12 +71,8 @@ def descend(
         here = theta[live]
         linear = misfit.linearise(here)
         near = misfit.laplace(here, linear, 2.0 * per_square)
-        trial = np.stack(
-            [
-                _stepped(misfit, near, linear, factor * damping[live], sigma)
-                for factor in DAMPING_FACTORS
-            ]
-        )  # (3, L, P)
+        tried = np.multiply.outer(DAMPING_FACTORS, damping[live])
+        trial = _stepped(misfit, near, linear, tried, sigma)  # (3, L, P)
         flat = trial.reshape(-1, len(parameters))
         sums = misfit.squares(flat)
         costs = (per_square * sums + parameters.prior_cost(flat)).reshape(trial.shape[:2])
@@ -108,7 +104,7 @@ def _stepped(
     damping: Floats,
     sigma: float,
 ) -> Floats:
-    """Return one damped step from each vector (L, P), within the bounds."""
+    """Return where a step of each damping (D, L) ends (D, L, P), within the bounds."""
     parameters = misfit.parameters
     theta = near.theta
     gradient = near.gradient
@@ -120,9 +116,10 @@ def _stepped(
     held = (theta <= parameters.low) & (gradient > 0) | (theta >= parameters.high) & (gradient < 0)
     held |= ~misfit.movable
     free = ~held
-    matrix = np.where(free[:, :, None] & free[:, None, :], normal, 0.0)
+    undamped = np.where(free[:, :, None] & free[:, None, :], normal, 0.0)
+    matrix = np.repeat(undamped[None], len(damping), axis=0)
     index = np.arange(len(parameters))
-    matrix[:, index, index] = np.where(held, 1.0, diagonal + damping[:, None] * scale)
+    matrix[..., index, index] = np.where(held, 1.0, diagonal + damping[..., None] * scale)
 
     def solved(slope: Floats) -> Floats:
         step: Floats = -np.linalg.solve(matrix, np.where(held, 0.0, slope)[..., None])[..., 0]
@@ -133,6 +130,6 @@ def _stepped(
     step = np.clip(theta + step, parameters.low, parameters.high) - theta
     if misfit.precision.fine:
         bend = 0.5 * solved(misfit.curvature(theta, linear, step) / sigma**2)
-        length, bent = (np.sqrt((scale * way * way).sum(axis=1)) for way in (step, bend))
-        step += np.where((4.0 * bent <= MOST_BEND * length)[:, None], bend, 0.0)
+        length, bent = (np.sqrt((scale * way * way).sum(axis=-1)) for way in (step, bend))
+        step += np.where((4.0 * bent <= MOST_BEND * length)[..., None], bend, 0.0)
     return np.clip(theta + step, parameters.low, parameters.high)

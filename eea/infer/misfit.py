@@ -291,21 +291,22 @@ class Misfit:
         return found
 
     def _pull(self, slopes: Floats, signal: Floats) -> Floats:
-        """Return J^T times a signal (S, E, M), as (S, P), from slopes (S, E, F, M)."""
+        """Return J^T times signals (..., S, E, M), as (..., S, P), from slopes (S, E, F, M)."""
         finite = np.where(np.isfinite(signal), signal, 0.0)
-        pulls = np.einsum("sefm,sem->sef", slopes, finite)
-        pulled = np.zeros((len(slopes), len(self.parameters)))
+        pulls = np.einsum("sefm,...sem->...sef", slopes, finite)
+        pulled = np.zeros((*pulls.shape[:-2], len(self.parameters)))
         for e, (used, at) in enumerate(self.columns):
-            pulled[:, at] += pulls[:, e, used]
+            pulled[..., at] += pulls[..., e, used]
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
-        """Return J^T r'' (S, P) for steps (S, P) from vectors (S, P)."""
-        taken = np.where(self._entries == FIXED_SLOT, 0.0, step[:, self._entries])  # (S, E, F)
-        straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
+        """Return J^T r'' (D, S, P) for D steps (D, S, P) from each of the vectors (S, P)."""
+        taken = np.where(self._entries == FIXED_SLOT, 0.0, step[..., self._entries])
+        straight = np.einsum("sefm,dsef->dsem", linear.slopes, taken)
         ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
         with np.errstate(invalid="ignore", over="ignore"):
-            risen = self.residuals(ahead) - linear.residuals
+            reached = self.residuals(ahead.reshape(-1, ahead.shape[-1]))
+            risen = reached.reshape(straight.shape) - linear.residuals
             bent = 2.0 * (risen / LOOK_AHEAD - straight) / LOOK_AHEAD
         return self._pull(linear.slopes, bent)
 
