@@ -155,7 +155,7 @@ ENOUGH = JointConfig(rounds=2, bodies=48, poses=48, descents=12, polished=2, alt
 @pytest.mark.parametrize("gain", [pytest.param(1.0, marks=pytest.mark.slow), 0.93])
 def test_the_fins_are_where_they_are_believed_to_be(gain):
     errors = []
-    for seed in range(4):
+    for seed in range(2):
         gap = RealityGap(gyro_noise=0.01, servo_gain=(gain,) * 3)
         target = EngineTarget(None, DAMAGE, np.random.default_rng(seed), engine="numba", gap=gap)
         found = fish_eea(target, ENOUGH, seed, target.morphology, threads=1).run()
@@ -236,7 +236,7 @@ SLOW_TAIL = np.array([0.4, -0.3, 0.002])  # the tail hardly beats: was it on its
 
 
 def test_both_of_two_answers_are_kept():
-    setting = Setting("a slow tail", 3, trials=1, steps=128)
+    setting = Setting("a slow tail", 1, trials=1, steps=128)
     for number in range(setting.robots):
         rng = np.random.default_rng([3, number])
         robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), ORDINARY_WORLD, rng, rng)

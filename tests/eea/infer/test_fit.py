@@ -112,9 +112,9 @@ def test_noise_is_found_slow_as_often_as_stated():
     rng = np.random.default_rng(3)
     found = [
         slow_errors(*fitted(0.5 * WAVE + 0.02 * rng.normal(size=(2, 128))), 20.0)
-        for _ in range(400)
+        for _ in range(150)
     ]
-    assert 0.02 < np.mean(np.array(found) < 0.05) < 0.09
+    assert 0.01 < np.mean(np.array(found) < 0.05) < 0.1
     assert 0.3 < np.mean(np.array(found) < 0.5) < 0.6
 
 
@@ -426,9 +426,9 @@ def test_an_assumption_that_the_data_do_not_tell_is_said_to_be_one():
 
 
 def test_contradictions_of_true_assumptions_are_as_rare_as_stated():
-    p = np.array([contradiction(slipped(0.0, 0.3, seed).best_fit).p for seed in range(60)])
-    assert (p < 0.05).sum() <= 8
-    assert (p < 0.5).mean() == pytest.approx(0.5, abs=0.2)
+    p = np.array([contradiction(slipped(0.0, 0.3, seed).best_fit).p for seed in range(25)])
+    assert (p < 0.05).sum() <= 5
+    assert (p < 0.5).mean() == pytest.approx(0.5, abs=0.3)
 
 
 def test_rough_fins_rub_like_thicker_ones_that_weigh_the_same():

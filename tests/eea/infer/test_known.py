@@ -32,7 +32,7 @@ def from_answer():
 
 
 def from_logs():
-    return ROBOT.learn([trial(seed) for seed in range(20, 30)], config=EFFORT)
+    return ROBOT.learn([trial(seed) for seed in range(20, 25)], config=EFFORT)
 
 
 def from_statement():
@@ -96,7 +96,7 @@ def test_the_chance_is_uniform_where_the_robot_is_the_same():
     """Of an answer with its uncertainty: the noise is known, so the statistic is chi-square."""
     rng = np.random.default_rng(7)
     p = []
-    for _ in range(60):
+    for _ in range(30):
         known = SOUGHT.infer([measured(rng)], config=QUICK, noise=NOISE).known()
         p.append(known.test(measured(rng)).p)
     assert kstest(p, "uniform").pvalue > 0.01
@@ -298,14 +298,14 @@ def test_a_later_log_is_read_as_the_known_good_ones_were():
         signal[:, 1] = np.repeat(signal[::3, 1], 3)
         return Trial(signal, PUSH)
 
-    known = ROBOT.learn([held() for _ in range(6)], config=EFFORT)
+    known = ROBOT.learn([held() for _ in range(4)], config=EFFORT)
     found = known.infer([held()], config=QUICK)
     assert found.good, found.verdict
     said = "force repeats the reading before in 40 of 60 rows: they are left out"
     assert said in found.findings
 
 
-SESSIONS, LOGS = 6, 2
+SESSIONS, LOGS = 4, 2
 BETWEEN, WITHIN = 0.05, 0.02  # sd of the gain, in its unit
 
 
@@ -352,12 +352,12 @@ def test_the_spread_of_logs_of_one_session_is_that_within():
 
 
 def test_sessions_of_one_log_are_as_wide_as_logs_of_one_session_and_few_are_wider(reference):
-    trials, _ = known_good(np.random.default_rng(2), sessions=6, logs=1)
+    trials, _ = known_good(np.random.default_rng(2), sessions=3, logs=1)
     one, each = (
-        spread_of(BUILT.learn(trials, labels, config=EFFORT)) for labels in (None, range(6))
+        spread_of(BUILT.learn(trials, labels, config=EFFORT)) for labels in (None, range(3))
     )
     assert one == pytest.approx(each, rel=0.1)
-    few = BUILT.learn(*known_good(np.random.default_rng(3), sessions=3), config=EFFORT)
+    few = BUILT.learn(*known_good(np.random.default_rng(3), sessions=2), config=EFFORT)
     assert spread_of(few) > 1.2 * spread_of(reference)
 
 
@@ -441,22 +441,22 @@ def test_a_log_is_judged_by_how_well_known_good_ones_are_explained():
     def bent(trial):
         return Trial(trial.signal * bend, trial.inputs)
 
-    reference = BUILT.learn([bent(one) for one in known_good(rng, 6, 1)[0]], config=EFFORT)
+    reference = BUILT.learn([bent(one) for one in known_good(rng, 4, 1)[0]], config=EFFORT)
     assert reference.test(bent(measured(rng))).same
     assert not SOUGHT.infer([bent(measured(rng))], config=QUICK, noise=NOISE).good
 
 
 STATED = with_numbers(
-    BUILT, gain=Number(0.0, 2.0, healthy=0.9, unit="m"), drag=Number(0.0, 2.0, healthy=1.0)
+    BUILT, gain=Number(0.0, 2.0, healthy=0.8, unit="m"), drag=Number(0.0, 2.0, healthy=1.0)
 )
 
 
 def test_the_answer_says_that_known_good_logs_contradict_whole():
-    trials, labels = known_good(np.random.default_rng(11))
+    trials, labels = known_good(np.random.default_rng(11), sessions=3)
     reference = STATED.learn(trials, labels, config=EFFORT)
     (said,) = reference.findings
     assert said.startswith("the known-good logs contradict healthy: gain is 0.99")
-    assert said.endswith(", and not 0.9")
+    assert said.endswith(", and not 0.8")
     answer = reference.infer(trials[:1], config=QUICK)
     assert answer.findings[-1] == said
     assert from_arrays(to_arrays(answer)).findings == answer.findings
@@ -466,13 +466,13 @@ def test_whole_that_agrees_with_the_logs_is_not_contradicted():
     """Also where it is at the end of a range."""
     rng = np.random.default_rng(13)
     ends = {"gain": Number(1.0, 2.0, healthy=1.0), "drag": Number(0.0, 1.0, healthy=1.0)}
-    for robot, count in ((CART, 4), (with_numbers(CART, **ends), 8)):
+    for robot, count in ((CART, 4), (with_numbers(CART, **ends), 4)):
         logs = [measured(rng, bias=0.02 * rng.normal()) for _ in range(count)]
         assert robot.learn(logs, config=EFFORT).findings == ()
 
 
 def test_known_good_logs_without_noise_are_said_to_have_none(reference):
-    logs = [trial(11, sd=0.0, gain=1.0 + 0.02 * i) for i in range(4)]
+    logs = [trial(11, sd=0.0, gain=1.0 + 0.02 * i) for i in range(3)]
     found = BUILT.learn(logs, config=EFFORT).findings
     assert any("is only rounding: by it any noise in a log counts as a change" in s for s in found)
     assert not any("rounding" in said for said in reference.findings)
@@ -546,11 +546,11 @@ def test_a_later_log_may_begin_elsewhere_than_the_known_good_ones():
         values = {"drag": 1.0, "gain": gain, "speed at first": speed}
         return record(glide, values, PUSH, 0.05, rng)
 
-    reference = robot.learn([log(0.3), *(log(0.0) for _ in range(7))])
+    reference = robot.learn([log(0.3), *(log(0.0) for _ in range(3))], config=EFFORT)
     assert reference.robot.prior.names == ("drag", "gain")
     for speed in (1.5, -1.0):
         assert reference.test(log(speed)).same
-        found = reference.infer([log(speed)])
+        found = reference.infer([log(speed)], config=QUICK)
         assert found.branches[0].hypothesis.name == "nothing is broken"
         assert found.good
         _, low, high = found.table(0.99)["speed at first@1"]
@@ -569,7 +569,7 @@ def test_known_good_logs_that_two_answers_explain_alike_are_refused():
     wheel = Robot(alias, {"speed": Number(0.1, 7.9, unit="Hz")}, {"side": "m"})
     rng = np.random.default_rng(0)
     side = np.sin(2.0 * np.pi * 0.25 * 2.7 * COUNT)[:, None]
-    logs = [Trial(side + rng.normal(0.0, 0.1, side.shape)) for _ in range(3)]
+    logs = [Trial(side + rng.normal(0.0, 0.1, side.shape)) for _ in range(2)]
     with pytest.raises(ConfigurationError, match=r"one answer; .*: 2\.7 Hz and 6\.7 Hz"):
         wheel.learn(logs)
 
@@ -584,6 +584,6 @@ def test_known_good_logs_beyond_a_range_are_said_to_be(gain):
     )
     rng = np.random.default_rng(0)
     logs = [Trial(gain * wave + rng.normal(0.0, 0.3, wave.shape)) for _ in range(4)]
-    said = robot.learn(logs).findings
+    said = robot.learn(logs, config=EFFORT).findings
     at_end = "gain is at the end of its range, 1, and may be beyond it"
     assert said == ((at_end,) if gain > 1.0 else ())

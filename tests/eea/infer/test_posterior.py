@@ -26,7 +26,7 @@ from instruments.inference.calibration import coverage, rank_uniformity, ranks
 from linear_worlds import fit, mixture, mode, observe
 from swing import infer
 
-REPLICATES = 200
+REPLICATES = 100
 
 
 @pytest.fixture(scope="module")

@@ -253,7 +253,9 @@ def test_a_caller_that_raises_floating_point_errors_ends_no_inference(everywhere
         assert found.findings
         assert found.broken("gain")
         found.prospects({"again": known_good[0]})
-        reference = replace(robot.without_healthy(), hypotheses=()).learn(known_good, config=QUICK)
+        reference = replace(robot.without_healthy(), hypotheses=()).learn(
+            known_good[:2], config=replace(QUICK, bodies=2, poses=1, descents=1)
+        )
         assert reference.test(known_good[0]).same
         follower = robot.without_healthy().follow({"rate": 0.05, "force": 5e4})
         assert not any(follower.update(one).alarm for one in known_good)
@@ -376,12 +378,12 @@ def test_a_trial_may_start_in_motion():
 def test_intervals_hold_at_their_rate():
     rng = np.random.default_rng(6)
     held = []
-    for seed in range(40):
+    for seed in range(20):
         true = {"gain": rng.uniform(0.3, 1.7), "drag": rng.uniform(0.3, 1.7)}
         true["bias"] = 0.1 * rng.normal()
         table = infer(SOUGHT, [measured(rng, correlation=0.5, **true)], seed=seed).table(MASS)
         held += [low < true[name] < high for name, (_, low, high) in table.items()]
-    assert 0.82 < np.mean(held) < 0.97  # 2.5 sd of 120 of 90%
+    assert 0.8 < np.mean(held) < 0.99  # 2.5 sd of 60 of 90%
 
 
 def test_nothing_is_broken_is_a_finding_with_its_probability():
@@ -425,7 +427,7 @@ def test_a_change_that_would_not_show_is_named_half_of_the_time(hypothesis):
     least = float(sentence.removeprefix("a change of gain by less than ").split()[0])
     shares = []
     for change in (0.5 * least, least, 1.5 * least):
-        logs = [measured(rng, gain=1.0 + change) for _ in range(20)]
+        logs = [measured(rng, gain=1.0 + change) for _ in range(12)]
         found = [infer(robot, [log], noise=KNOWN_NOISE).branches[0].hypothesis for log in logs]
         shares.append(np.mean([one.name == hypothesis.name for one in found]))
     assert shares[0] < 0.3
@@ -561,7 +563,7 @@ some_robots = (
 
 
 @given(some_robots, st.integers(1, 3))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_any_numbers_come_back_from_a_file(robot, trials):
     parameters = Unknowns.of(robot, trials, robot.groups)
     theta = np.where(parameters.circular, 0.5, parameters.prior_mean)
