@@ -1,11 +1,12 @@
 """AquaFish: a swimming robot, its water, and Gymnasium environments of it.
 
-Importing the package registers ``AquaFish-v0``. The engines' packages, numba and PyBullet,
-are loaded when they are first used.
+Importing the package registers ``AquaFish-v0``, ``FourFins-v0`` and ``TailFish-v0``. The engines'
+packages, numba and PyBullet, are loaded when they are first used.
 """
 
 import multiprocessing as _multiprocessing
 from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
 import gymnasium as _gymnasium
 
@@ -51,8 +52,10 @@ if not _TYPE_CHECKING:  # mypy would accept any name
 
 
 #: The arguments that each id adds.
-IDS: dict[str, dict[str, str]] = {
+IDS: dict[str, dict[str, _Any]] = {
     "AquaFish-v0": {},
+    "FourFins-v0": {"plan": "four-fins"},
+    "TailFish-v0": {"plan": "tail-fish", "reactive": True},
     "AquaFishStation-v0": {"task": "station"},
     "AquaFishWaypoint-v0": {"task": "waypoint"},
     "AquaFishRecovery-v0": {"task": "recovery", "damage": "random:moderate@15-30"},

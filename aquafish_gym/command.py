@@ -78,6 +78,12 @@ def scale_action(plan: BodyPlan, action: ArrayLike) -> NDArray[np.float64]:
     return np.stack(servo_speeds(plan, tuple(np.moveaxis(clipped, -1, 0))), axis=-1)
 
 
+@functools.cache
+def still_action(plan: BodyPlan) -> tuple[float, ...]:
+    """Return the action at which all servos stand: 0, or -1 where a servo has one direction."""
+    return tuple(0.0 if fin.turns else -1.0 for fin in plan.fins)
+
+
 def lag_parts(lag: Number) -> tuple[Number, Number]:
     """Return the full steps of a lag, in steps, and the share of a step's newer command.
 

@@ -24,7 +24,7 @@ from aquafish_gym.damage.faults import Fault
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.damage.words import LINK_WORDS, PARTS, RANDOM, parts_of
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH, BodyPlan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER
@@ -107,15 +107,15 @@ class Damage:
         )
 
     @classmethod
-    def random(cls, rng: np.random.Generator) -> Self:
-        """Return one or two broken fins, equally likely, each with one fault.
+    def random(cls, rng: np.random.Generator, plan: PlanLike = AQUAFISH) -> Self:
+        """Return one or two broken fins of a plan, equally likely, each with one fault.
 
         A fin is missing one time in four; else its length, width or thickness is multiplied by 0.2
         to 0.9, uniformly. (``Damage.parse("random:moderate").sample(rng)`` breaks servos, too.)
         """
         instance("rng", rng, np.random.Generator)
         faults = []
-        for fin in rng.permutation(AQUAFISH.names)[: rng.integers(1, 3)].tolist():
+        for fin in rng.permutation(check_plan(plan).names)[: rng.integers(1, 3)].tolist():
             missing = rng.random() < 0.25
             size = rng.choice(SIZES)
             factor = rng.uniform(*CHANCE_SCALES)
@@ -189,6 +189,12 @@ class Damage:
                 raise InvalidArgumentError(
                     f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
                 )
+
+    def check_parts(self, plan: BodyPlan) -> None:
+        """Raise UnknownNameError if a fault is of a part that a plan's robot lacks."""
+        for fault in self.faults:
+            if fault.part != RANDOM and not fault.is_of_channels:
+                one_of("damage part", fault.part, parts_of(plan))
 
     def check_fits(self, morphology: Morphology, dt: float = TIMESTEP) -> None:
         """Raise InvalidArgumentError if a fault is random, or at any time does not fit a robot.

@@ -24,6 +24,7 @@ BATCH_ATTRIBUTES = {
     "observation_space": "single_observation_space",
     "dt": "dt",
     "frame_skip": "frame_skip",
+    "plan": "plan",
     "task": "task",
     "render_mode": "render_mode",
 }

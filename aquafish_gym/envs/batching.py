@@ -15,20 +15,14 @@ from aquafish_gym.engines.world_batch import WorldBatch
 from aquafish_gym.engines.worlds import RECORDER, Swimmers, recording_folder
 from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.rendering import render_pose
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Flags, Floats, Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
 
 NUMBA_PRECISION = "float32"  # of a batch whose precision is not given
-
-
-def components(rows: Floats) -> Vector:
-    x, y, z = rows
-    return (x, y, z)
 
 
 def of_each(name: str, value: Any, count: int) -> list[Any]:
@@ -148,15 +142,15 @@ def make_swimmers(scenario: Scenario, engine: object, dtype: object, threads: ob
     return WorldBatch(scenario, found)
 
 
-def frames(bodies: Floats, states: Floats) -> tuple[Any, ...]:
-    """Return a frame (480, 640, 3) uint8 for each robot of sizes (B, 9) and states (25, B)."""
+def frames(plan: BodyPlan, bodies: Floats, states: Floats) -> tuple[Any, ...]:
+    """Return a frame (480, 640, 3) uint8 for each robot of sizes (B, S) and states (rows, B)."""
     poses = zip(
         states[FIELDS["position"]].T,
         states[FIELDS["orientation"]].T,
-        layout(AQUAFISH).angles(states).T,
+        layout(plan).angles(states).T,
         strict=True,
     )
     return tuple(
-        render_pose(Morphology.from_array(sizes), (position, orientation), fin_angles)
+        render_pose(Morphology.from_array(sizes, plan), (position, orientation), fin_angles)
         for sizes, (position, orientation, fin_angles) in zip(bodies, poses, strict=True)
     )

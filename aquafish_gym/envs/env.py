@@ -16,8 +16,8 @@ from aquafish_gym.envs.robots import OneRobot
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
-from aquafish_gym.physics.kinematics import at_rest
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.kinematics import Numbers, at_rest
+from aquafish_gym.plans import AQUAFISH, PlanLike
 from aquafish_gym.rendering import (
     RENDER_MODES,
     Window,
@@ -30,7 +30,6 @@ from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
-_SERVOS = servos(AQUAFISH)
 
 
 class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]):
@@ -132,6 +131,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
     | `task` | str or Task | `"forward"` | a name of `tasks.TASKS`, such as `"return"`, or a Task |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
+    | `plan` | BodyPlan, str | the paper's | the fish: your own, a name of `PLANS`, a JSON file |
 
     An environment on the engine numba can be pickled and copied, also in mid-episode, and then
     behaves as the original. One on PyBullet belongs to its process: once reset, it cannot be
@@ -164,10 +164,11 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         render_mode: str | None = None,
         task: object = "forward",
         reactive: bool = False,
+        plan: PlanLike = AQUAFISH,
     ) -> None:
-        super().__init__(task, frame_skip, observe_fins)
+        super().__init__(task, frame_skip, observe_fins, plan)
         self._config = episode.check_episode(
-            self.task, morphology, damage, current, fin_angles, self.frame_skip
+            self.task, morphology, damage, current, fin_angles, self.frame_skip, self.plan
         )
         self._reactive = flag("reactive", reactive)
         self.render_mode = check_render_mode(render_mode)
@@ -175,19 +176,20 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         self.metadata = {
             "render_modes": usable_modes(), "render_fps": max(1, round(1 / self.dt))
         }  # fmt: skip
-        self.action_space = episode.action_space()
-        self.observation_space = episode.observation_space(self._observe_fins, self.task.has_goal)
+        self.action_space = episode.action_space(self.plan)
+        self.observation_space = episode.observation_space(self._limits)
+        self._servos = servos(self.plan)
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
-        intact = Scenario.create(self._config.morphology)
+        intact = Scenario.create(self._config.morphology, plan=self.plan)
         self._robot = OneRobot(
             episode.check_world(engine), intact, self.frame_skip, self._config.damage.may_be_late
         )
         self._memory: Memory = ()
         # The present state, or the last one before the robot diverged.
-        self._fin_angles: Vector = (0.0, 0.0, 0.0)
-        self._reckoned: Vector = self._fin_angles
-        self._state = at_rest((0.0, 0.0, 0.0))
+        self._fin_angles: Numbers = (0.0,) * len(self.plan.fins)
+        self._reckoned = self._fin_angles
+        self._state = at_rest(self._fin_angles)
         self._read_robot()
 
     def reset(
@@ -210,7 +212,8 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         here = self._state.position
         if self.render_mode == "human":
             self.render()
-        still = Step(here, here, self._state.orientation, (0.0, 0.0, 0.0), self._memory, self.dt)
+        idle = (0.0,) * len(self.plan.fins)
+        still = Step(here, here, self._state.orientation, idle, self._memory, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(still), 0.0)
         return self._observe(), self._info(here, nothing)
 
@@ -222,9 +225,9 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         Raises
         ------
         InvalidArgumentError, ResetNeeded
-            If the action is not three finite numbers, or the episode is over.
+            If the action is not a finite number for each servo, or the episode is over.
         """
-        checked = episode.check_single_action(action)
+        checked = episode.check_single_action(action, (len(self.plan.fins),))
         before = self._state.position
         diverged = self._swim(checked)
         terms, succeeded = self._reward(before, checked, diverged)
@@ -239,25 +242,25 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             self._steps = self._last
         return self._observe(), sum(terms.values()), terminated, truncated, info
 
-    def _swim(self, action: Vector) -> bool:
+    def _swim(self, action: Numbers) -> bool:
         """Swim one step; return whether the robot diverged, and then keep its last state."""
         world = self._robot.world
         if world is None or self._steps == self._last:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
         self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
         followed = self._robot.robots.follow(action)
-        world.advance(_SERVOS.speeds(followed), self.frame_skip)
+        world.advance(self._servos.speeds(followed), self.frame_skip)
         if world.diverged:
             return True
         self._steps += 1
         self._state = world.state()
         self._fin_angles = world.fin_angles
         if self._reckons:
-            self._reckoned = reckon(self._reckoned, _SERVOS.speeds(action), TAU * self.dt)
+            self._reckoned = reckon(self._reckoned, self._servos.speeds(action), TAU * self.dt)
         return False
 
     def _reward(
-        self, before: Vector, action: Vector, diverged: bool
+        self, before: Vector, action: Numbers, diverged: bool
     ) -> tuple[dict[str, float], bool]:
         """Return the reward's terms, and whether there is success; let the task remember."""
         state = self._state
@@ -305,7 +308,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
         if self.render_mode is None:
             return None
-        body = Morphology.from_array(self._robot.robots.now.body[0])
+        body = Morphology.from_array(self._robot.robots.now.body[0], self.plan)
         pose = (self._state.position, self._state.orientation)
         if self.render_mode == "human":
             if self._window is None:

@@ -20,7 +20,7 @@ from aquafish_gym.envs.specification import FishSpec, read_class
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, square_root
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Triple
@@ -40,17 +40,22 @@ OPTIONS = ("fin_angles", "morphology", "damage")
 class EpisodeConfig:
     """What an episode begins with; made by :func:`check_episode`.
 
-    ``fin_angles`` is ``"random"`` or three angles in rad; ``hold`` is for how many steps of 0.01 s
-    an action is held; ``limit`` is after how many s an episode is cut off, if before its end.
+    ``fin_angles`` is ``"random"`` or F angles in rad; ``hold`` is for how many steps of 0.01 s an
+    action is held; ``limit`` is after how many s an episode is cut off, if before its end.
     """
 
     task: Task
     current: Triple
     morphology: Morphology
     damage: Damage
-    fin_angles: str | Triple
+    fin_angles: str | tuple[float, ...]
     hold: int = 1
     limit: float | None = None
+
+    @property
+    def plan(self) -> BodyPlan:
+        """Of the robot."""
+        return self.morphology.plan
 
     def within(self, seconds: float) -> EpisodeConfig:
         """Return it for episodes that are cut off after ``seconds``; late damage is refused."""
@@ -64,16 +69,16 @@ class EpisodeConfig:
             one_of("options", name, OPTIONS)
         found = replace(
             self,
-            morphology=Morphology.coerce(options.get("morphology", self.morphology)),
+            morphology=Morphology.coerce(options.get("morphology", self.morphology), self.plan),
             damage=Damage.coerce(options.get("damage", self.damage)),
-            fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
+            fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles), self.plan),
         )
         found.damage.check_onsets(self.task.seconds)
         if self.limit is not None:
             found.damage.certain.check_onsets(self.limit)
         found.damage.check_steps(TIMESTEP * self.hold)
-        if not found.damage.is_random:
-            found.damage.check_fits(found.morphology, TIMESTEP * self.hold)
+        found.damage.check_parts(found.plan)
+        found.damage.certain.check_fits(found.morphology, TIMESTEP * self.hold)
         return found
 
 
@@ -84,6 +89,7 @@ def check_episode(
     current: ArrayLike = (0.0, 0.0, 0.0),
     fin_angles: object = "zero",
     hold: int = 1,
+    plan: PlanLike = AQUAFISH,
 ) -> EpisodeConfig:
     """Return the configuration of an environment's arguments, for a checked task."""
     x, y, z = check_row("current", current).tolist()
@@ -92,7 +98,7 @@ def check_episode(
             f"current must be 0 where the task has a current of its own; got {(x, y, z)} with "
             f"{type(task).__name__}"
         )
-    intact = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), hold)
+    intact = EpisodeConfig(task, (x, y, z), Morphology.nominal(plan), Damage(), "random", hold)
     return intact.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
@@ -127,15 +133,17 @@ def begin_episodes(
 ) -> tuple[Scenario, Floats]:
     """Return a scenario of n robots, changes included, and their tasks' memories (n, M).
 
-    Each robot draws its fin angles, then its task's memory, then its damage: a seed gives the same
-    task with and without damage. ``hold`` is how many steps of 0.01 s an action is held.
+    The robots are of one plan. Each draws its fin angles, then its task's memory, then its damage:
+    a seed gives the same task with and without damage. ``hold`` is how many steps of 0.01 s an
+    action is held.
     """
     # Most robots share a configuration: each is asked once for what is not drawn.
     numbers: dict[int, int] = {}
     which = [numbers.setdefault(id(config), len(numbers)) for config in configs]
     distinct = [configs[which.index(i)] for i in range(len(numbers))]
     random = np.array([isinstance(config.fin_angles, str) for config in distinct])[which]
-    angles = np.empty((len(configs), len(AQUAFISH.names)))
+    plan = configs[0].plan
+    angles = np.empty((len(configs), len(plan.fins)))
     memories = []
     for row, is_random, config, rng in zip(angles, random.tolist(), configs, rngs, strict=True):
         if is_random:
@@ -150,17 +158,19 @@ def begin_episodes(
         "current": np.array([config.current for config in distinct])[which],
     }
     damages = [config.damage for config in configs]
-    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold, rngs).draw_angles(rngs)
+    intact = Scenario.fill(fields, reactive, plan)
+    scenario = edit_each(intact, damages, hold, rngs).draw_angles(rngs)
     return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
 
 
-def check_fin_angles(value: object) -> str | Triple:
-    """Return ``"random"`` or three angles in rad from ``"zero"``, ``"random"`` or three angles."""
+def check_fin_angles(value: object, plan: BodyPlan) -> str | tuple[float, ...]:
+    """Return ``"random"``, or the angle of each fin in rad, which ``"zero"`` says of all."""
     if isinstance(value, str):
-        random = one_of("fin_angles", value, ("zero", "random")) == "random"
-        return "random" if random else (0.0, 0.0, 0.0)
-    left, right, phase = finite_array("fin_angles", value, (3,)).tolist()  # type: ignore[arg-type]
-    return (left, right, phase)
+        if one_of("fin_angles", value, ("zero", "random")) == "random":
+            return "random"
+        value = np.zeros(len(plan.fins))
+    angles = finite_array("fin_angles", value, (len(plan.fins),))  # type: ignore[arg-type]
+    return tuple(angles.tolist())
 
 
 def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
@@ -182,11 +192,14 @@ def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
 
 
 class FishEnvBase:
-    """The task, the steps and the observations of an environment, and its ``spec``."""
+    """The plan, the task, the steps and the observations of an environment, and its ``spec``."""
 
     _spec: EnvSpec | None = None
 
-    def __init__(self, task: object, frame_skip: object, observe_fins: object) -> None:
+    def __init__(
+        self, task: object, frame_skip: object, observe_fins: object, plan: object
+    ) -> None:
+        self.plan = check_plan(plan)
         self.task = check_task(task)
         steps = round(self.task.seconds / TIMESTEP)
         self.frame_skip = integer("frame_skip", frame_skip, 1, steps)
@@ -201,7 +214,7 @@ class FishEnvBase:
         if isinstance(observe_fins, str):
             one_of("observe_fins", observe_fins, ("reckoned",))
         self._observe_fins = self._reckons or flag("observe_fins", observe_fins)
-        self._limits = limits(len(AQUAFISH.fins) * self._observe_fins, self.task.has_goal)
+        self._limits = limits(len(self.plan.fins) * self._observe_fins, self.task.has_goal)
 
     @property
     def episode_steps(self) -> int:
@@ -233,23 +246,24 @@ def check_action(action: object, shape: tuple[int, ...]) -> Floats:
     return finite_array("action", action, shape).clip(-1.0, 1.0)  # type: ignore[arg-type]
 
 
-def check_single_action(action: object) -> Triple:
-    """Return ``check_action(action, (3,))`` as plain floats, with which one robot is faster."""
-    if type(action) is np.ndarray and action.shape == (3,) and action.dtype.char in "fd":
-        left, right, caudal = action.tolist()
-        # NaN fails this, too, and is refused below.
-        if -1.0 <= left <= 1.0 and -1.0 <= right <= 1.0 and -1.0 <= caudal <= 1.0:
-            return (left, right, caudal)
-    left, right, caudal = check_action(action, (3,)).tolist()
-    return (left, right, caudal)
+def check_single_action(action: object, shape: tuple[int, ...]) -> tuple[float, ...]:
+    """Return ``check_action(action, shape)`` as plain floats, with which one robot is faster."""
+    if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "fd":
+        commanded: list[float] = action.tolist()
+        for x in commanded:
+            if not -1.0 <= x <= 1.0:  # NaN, too, which is refused below
+                break
+        else:
+            return tuple(commanded)
+    return tuple(check_action(action, shape).tolist())
 
 
-def action_space() -> Box[np.float32]:
-    """Return the space of actions: three servos in [-1, 1]."""
-    return Box(-1.0, 1.0, (3,), np.float32)
+def action_space(plan: BodyPlan) -> Box[np.float32]:
+    """Return the space of actions: a plan's servos in [-1, 1]."""
+    return Box(-1.0, 1.0, (len(plan.fins),), np.float32)
 
 
-def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
-    """Return the space of observations; see ``AquaFishEnv``."""
-    high = limits(len(AQUAFISH.fins) * observe_fins, has_goal).astype(np.float32)
+def observation_space(most: Floats) -> Box[np.float32]:
+    """Return the space of observations whose channels have these limits; see ``AquaFishEnv``."""
+    high = most.astype(np.float32)
     return Box(-high, high, dtype=np.float32)

@@ -12,16 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.command import still_action
 from aquafish_gym.damage.sensors import ONLY_ROBOT, sensor_columns, servo_columns
 from aquafish_gym.damage.side import Side
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.kinematics import Numbers
 from aquafish_gym.scenario import CHANNELS, LATE_FIELDS, STARTS, TIMESTEP, Scenario
 from aquafish_gym.stages import NEVER, SlotPlayer
 from aquafish_gym.utils.array_types import Floats, Rows
-
-STILL_ACTION = np.array([0.0, 0.0, -1.0])  # that of servos which stand
 
 
 class Robots:
@@ -63,7 +62,8 @@ class Robots:
         self.now = scenario.beginning.copy()
         self._dt = TIMESTEP * hold
         self.sensors = Side(len(scenario), len(CHANNELS), self._dt, dtype)
-        self._servos = Side(len(scenario), len(AQUAFISH.names), self._dt, first=STILL_ACTION)
+        still = np.array(still_action(scenario.plan))
+        self._servos = Side(len(scenario), len(still), self._dt, first=still)
         self.sensors.remember(history)
         self._servos.remember(history)
         self._player = SlotPlayer(self.now.stages)
@@ -101,18 +101,16 @@ class Robots:
         self.sensors.update(rows, sensor_columns(fields))
         self._servos.update(rows, servo_columns(fields))
 
-    def follow(self, action: Vector) -> Vector:
+    def follow(self, action: Numbers) -> Numbers:
         """Return the action that servos follow in this step, which may be an earlier one.
 
         Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
         """
         if not self._servos.remembers:
             return action
-        commanded = np.reshape(np.array(action, np.float64), (len(AQUAFISH.names), -1)).T
-        left, right, caudal = self._servos.carry(commanded, np.arange(len(commanded))).T
-        if isinstance(action[0], float):
-            return (float(left[0]), float(right[0]), float(caudal[0]))
-        return (left, right, caudal)
+        commanded = np.reshape(np.array(action, np.float64), (len(action), -1)).T
+        carried = self._servos.carry(commanded, np.arange(len(commanded)))
+        return tuple(carried[0].tolist() if isinstance(action[0], float) else carried.T)
 
     def truth(self) -> dict[str, NDArray[Any]]:
         """Return copies of the robots' damaged properties, by their names in ``info``."""

@@ -23,6 +23,7 @@ from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.task import Task
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import BodyPlan, plan_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 MAXIMUM_TASK_STEPS = 360_000  # of 0.01 s in the longest task
@@ -102,6 +103,8 @@ def as_json(name: str, value: Any) -> Any:
             return str(value)
         case Morphology():
             return value.to_array().tolist()
+        case BodyPlan():
+            return plan_document(value)
         case Fault():
             return as_json(name, vars(value))
         case Task():

@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from aquafish_gym.physics.arithmetic import Number, Vector, subtract
+from aquafish_gym.physics.kinematics import Numbers
 
 Memory = tuple[Number, ...]
 
@@ -25,7 +26,7 @@ class Step(NamedTuple):
     before: Vector  #: Position at the start of the step.
     after: Vector  #: Position now.
     orientation: tuple[Number, Number, Number, Number]  #: (x, y, z, w), from body to world.
-    action: Vector  #: Of the servos, in [-1, 1].
+    action: Numbers  #: Of the F servos, in [-1, 1].
     memory: Memory  #: The task's own, of this episode.
     dt: float  #: Length of the step, s.
 

@@ -28,6 +28,7 @@ from aquafish_gym.physics.arithmetic import (
     subtract,
     where_less,
 )
+from aquafish_gym.physics.kinematics import Numbers
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
@@ -61,10 +62,12 @@ def distance(a: Vector, b: Vector) -> Number:
     return square_root(x * x + y * y + z * z)
 
 
-def effort_cost(task: Any, action: Vector) -> Number:
+def effort_cost(task: Any, action: Numbers) -> Number:
     """Return ``ctrl_weight`` times the sum of the action's squares."""
-    left, right, caudal = action
-    return task.ctrl_weight * (left * left + right * right + caudal * caudal)
+    squares = action[0] * action[0]
+    for i in range(1, len(action)):  # numba unrolls it, and cannot loop over action[1:] of one fin
+        squares = squares + action[i] * action[i]
+    return task.ctrl_weight * squares
 
 
 def fraction(x: Number) -> Number:

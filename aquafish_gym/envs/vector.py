@@ -22,7 +22,7 @@ from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step, Task, lane_task
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, PlanLike
 from aquafish_gym.rendering import check_render_mode
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
@@ -52,7 +52,7 @@ class AquaFishVectorEnv(
     Parameters
     ----------
     morphology
-        As the single environment's, for all; or (num_envs, 9) sizes, one body each.
+        As the single environment's, for all; or (num_envs, S) sizes, one body each.
     engine
         ``"numba"``, thousands at once, which ``"auto"`` is here; or what the single environment
         takes: ``"pybullet"`` or a ``World``, one robot after another. Robots on PyBullet take
@@ -98,8 +98,10 @@ class AquaFishVectorEnv(
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reactive: bool = False,
         max_episode_steps: int | None = None,
+        plan: PlanLike = AQUAFISH,
     ) -> None:
-        super().__init__(task, frame_skip, observe_fins)
+        super().__init__(task, frame_skip, observe_fins, plan)
+        fins = len(self.plan.fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
         self.autoreset_mode = check_mode(autoreset_mode)
         if isinstance(render_mode, str) and render_mode == "human":
@@ -112,14 +114,14 @@ class AquaFishVectorEnv(
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self.autoreset_mode,
         }
-        self.single_observation_space = episode.observation_space(
-            self._observe_fins, self.task.has_goal
-        )
-        self.single_action_space = episode.action_space()
+        self.single_observation_space = episode.observation_space(self._limits)
+        self.single_action_space = episode.action_space(self.plan)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        start = episode.check_episode(self.task, current=current, hold=self.frame_skip)
+        start = episode.check_episode(
+            self.task, current=current, hold=self.frame_skip, plan=self.plan
+        )
         if max_episode_steps is not None:
             limit = integer("max_episode_steps", max_episode_steps, 1)
             check_limit(limit, self._last, self.task, self.dt)
@@ -135,7 +137,7 @@ class AquaFishVectorEnv(
             "body": np.array([config.morphology.to_array() for config in self._configs]),
             "current": np.tile(start.current, (self.num_envs, 1)),
         }
-        scenario = Scenario.fill(fields, flag("reactive", reactive))
+        scenario = Scenario.fill(fields, flag("reactive", reactive), self.plan)
         late = any(config.damage.may_be_late for config in self._configs)
         self._robots = Robots(scenario, self.frame_skip, late)
         self._memory: Floats = np.zeros((0, self.num_envs))
@@ -145,7 +147,7 @@ class AquaFishVectorEnv(
         self._steps: NDArray[np.int64] = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
-        self._reckoned: Floats = np.zeros((3, self.num_envs))
+        self._reckoned: Floats = np.zeros((fins, self.num_envs))
 
     def reset(
         self,
@@ -174,7 +176,7 @@ class AquaFishVectorEnv(
         return self._seen.copy(), batching.masked(self._first_info(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Flags, Flags, Info]:
-        """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
+        """Set every robot's servos, actions (num_envs, F), for ``frame_skip`` physics steps.
 
         Raises
         ------
@@ -207,15 +209,15 @@ class AquaFishVectorEnv(
 
     @property
     def states(self) -> Floats:
-        """The true states (25, num_envs), in the order of ``aquafish_gym.physics.layout``.
+        """The true states (rows, num_envs), in the order of ``aquafish_gym.physics.layout``.
 
         ``gait.evolve_gait`` can begin in one.
         """
         return self._swimmers.states.astype(np.float64)
 
     def _check_actions(self, actions: object) -> Floats:
-        """Return actions (num_envs, 3) clipped to [-1, 1], as rows (3, num_envs)."""
-        raw = episode.float_action(actions, (self.num_envs, 3))
+        """Return actions (num_envs, F) clipped to [-1, 1], as rows (F, num_envs)."""
+        raw = episode.float_action(actions, (self.num_envs, len(self.plan.fins)))
         if not np.isfinite(raw).all():
             finite_array("action", raw, raw.shape)  # refuses
         action: Floats = np.clip(raw.T, -1.0, 1.0, dtype=np.float64)
@@ -242,13 +244,13 @@ class AquaFishVectorEnv(
         if self.task is not self._known_task:
             self._known_task = self.task
             self._lane_task = lane_task(self.task)
-        commanded = batching.components(action)
+        commanded = tuple(action)
         lost, seen, values = self._swimmers.act(
             action, self._robots.follow(commanded), self.frame_skip, self._lane_task, self._memory
         )
         if self._reckons:
-            speeds = servo_speeds(AQUAFISH, commanded)
-            reckoned = reckon(batching.components(self._reckoned), speeds, TAU * self.dt)
+            speeds = servo_speeds(self.plan, commanded)
+            reckoned = reckon(tuple(self._reckoned), speeds, TAU * self.dt)
             self._reckoned = np.where(lost, self._reckoned, reckoned)
         self._steps += 1
         judged: Any = self.task
@@ -286,8 +288,8 @@ class AquaFishVectorEnv(
 
     def _step_from(self, before: Floats, action: Floats) -> Step:
         x, y, z, w = self._swimmers.states[FIELDS["orientation"]].astype(np.float64)
-        here, there, done = map(batching.components, (before, self._positions(), action))
-        return Step(here, there, (x, y, z, w), done, tuple(self._memory), self.dt)
+        here, there = _vector(before), _vector(self._positions())
+        return Step(here, there, (x, y, z, w), tuple(action), tuple(self._memory), self.dt)
 
     def _change(self, bad: Flags) -> None:
         """Let robots whose next change has come change, except those under ``bad``."""
@@ -330,14 +332,14 @@ class AquaFishVectorEnv(
 
     def _truth(self, rows: Rows) -> Observations:
         """Return what intact sensors of these robots observe."""
-        return observe(layout(AQUAFISH).state(self.states[:, rows]), *self._further(rows))
+        return observe(layout(self.plan).state(self.states[:, rows]), *self._further(rows))
 
     def _further(self, rows: Rows | slice) -> tuple[Floats | None, Vector | None]:
-        """Return what these robots observe beyond nine channels: fins (3, n) in rad, the goal."""
+        """Return what these robots observe beyond nine channels: fins (F, n) in rad, the goal."""
         fins = goal = None
         if self._observe_fins:
             known = (
-                self._reckoned if self._reckons else layout(AQUAFISH).angles(self._swimmers.states)
+                self._reckoned if self._reckons else layout(self.plan).angles(self._swimmers.states)
             )
             fins = known[:, rows]
         if self.task.has_goal:
@@ -349,7 +351,7 @@ class AquaFishVectorEnv(
         most = self._limits[len(CHANNELS) :]
         if most.size:
             more = np.transpose(
-                beyond_imu(layout(AQUAFISH).state(self.states), *self._further(slice(None)))
+                beyond_imu(layout(self.plan).state(self.states), *self._further(slice(None)))
             )
             seen = np.concatenate([seen, np.clip(more, -most, most)], axis=1, dtype=np.float32)
         self._sense(self._everyone, seen)
@@ -368,11 +370,11 @@ class AquaFishVectorEnv(
         """Return ``info`` of a step that began at these positions (3, num_envs)."""
         here = self._positions()
         velocity = (here - before) / self.dt
-        moved = episode.motion_info(batching.components(here), batching.components(velocity))
+        moved = episode.motion_info(_vector(here), _vector(velocity))
         return moved | {
             "diverged": diverged.copy(),
             **({"is_success": succeeded.copy()} if self.task.has_success else {}),
-            "fin_angles": np.ascontiguousarray(layout(AQUAFISH).angles(self._swimmers.states).T),
+            "fin_angles": np.ascontiguousarray(layout(self.plan).angles(self._swimmers.states).T),
             **self._robots.truth(),
             **terms,
         }
@@ -381,7 +383,7 @@ class AquaFishVectorEnv(
         """Return ``info`` where no step was taken: the reward's terms are 0."""
         zeros = np.zeros(self.num_envs)
         here = self._positions()
-        step = self._step_from(here, np.zeros((3, self.num_envs)))
+        step = self._step_from(here, np.zeros((len(self.plan.fins), self.num_envs)))
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
         none = np.zeros(self.num_envs, np.bool_)
         return self._info(here, nothing, none, none)
@@ -395,4 +397,9 @@ class AquaFishVectorEnv(
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        return batching.frames(self._robots.now.body, self.states)
+        return batching.frames(self.plan, self._robots.now.body, self.states)
+
+
+def _vector(rows: Floats) -> Vector:
+    x, y, z = rows
+    return (x, y, z)

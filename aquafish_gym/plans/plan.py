@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property
@@ -39,6 +40,8 @@ LONGEST_MOUNT = 1.0
 _LARGEST = 100.0  # units, of a hull or a fin
 _MOST_FINS = 16
 _ROUNDING = 1e-9
+# What damage and files call by these names is no fin.
+_TAKEN = re.compile(r"(act|obs).*|gyro(_[xyz])?|(up|north)_[xyz]|random|none|time|trial")
 
 
 class Sizes(NamedTuple):
@@ -158,6 +161,10 @@ class FinPlan:
                 "a fin's name must be lower-case letters, digits and _, such as left_pectoral; "
                 f"got {brief(self.name)}"
             )
+        if _TAKEN.fullmatch(self.name):
+            raise InvalidArgumentError(
+                f"a fin's name must not be that of something else; got {brief(self.name)}"
+            )
         at = f"fin {self.name}: "
         one_of(f"{at}drive", self.drive, ("turns", "sweeps"))
         for name in ("hinge", "axis", "direction"):
@@ -166,7 +173,7 @@ class FinPlan:
                 norm = float(np.linalg.norm(point))
                 if norm == 0.0:
                     raise InvalidArgumentError(f"{at}{name} must have a length; got {brief(point)}")
-                if abs(norm - 1.0) > _ROUNDING:  # else a plan would not be read back to the bit
+                if abs(norm - 1.0) > 1e-15:  # else a plan would not be read back to the bit
                     point = point / norm
             object.__setattr__(self, name, tuple(point.tolist()))
         if abs(np.dot(self.axis, self.direction)) > _ROUNDING:

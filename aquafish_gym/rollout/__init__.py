@@ -46,7 +46,7 @@ def rollout(
     seconds: float | None = None,
     interval: int | None = None,
     believed: ArrayLike | None = None,
-    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    believed_gain: ArrayLike | None = None,
     memory: ArrayLike | None = None,
     rngs: Sequence[np.random.Generator] = (),
     dtype: type[np.floating] = np.float64,
@@ -73,8 +73,8 @@ def rollout(
     interval
         For how many steps of 0.01 s an action is held; None is 5, or what a program states.
     believed, believed_gain
-        (B, 3) or (3,), of programs only: the initial fin angles, rad, and the servo gains that a
-        program assumes for dead reckoning. None assumes the true angles.
+        (B, F) or (F,), of programs only: the initial fin angles, rad, and the servo gains that a
+        program assumes for dead reckoning. None assumes the true angles, and gains of 1.
     memory
         (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``. Without a task
         there is none.
@@ -96,7 +96,8 @@ def rollout(
     """
     _check(scenario, task, substeps, rngs)
     batch = len(scenario)
-    gains = _rows("believed_gain", believed_gain, batch)
+    known_gain = np.ones(len(scenario.plan.fins)) if believed_gain is None else believed_gain
+    gains = _rows("believed_gain", known_gain, scenario)
     if seconds is None:
         if task is None:
             raise InvalidArgumentError("seconds must be given where there is no task")
@@ -106,7 +107,6 @@ def rollout(
         raise InvalidArgumentError("memory must be None where there is no task")
     if not isinstance(policy, Program):
         interval = 5 if interval is None else integer("interval", interval, 1)
-        gained = bool((gains != 1.0).any())
         if len(sequence("policy", policy)) != batch or not all(map(callable, policy)):
             raise InvalidArgumentError(
                 f"policy must be a Program or {batch} functions, one for each robot; "
@@ -114,7 +114,7 @@ def rollout(
             )
         of_programs = {
             "believed": believed is not None,
-            "believed_gain": gained,
+            "believed_gain": believed_gain is not None,
             "dtype": dtype is not np.float64,
             "threads": threads is not None,
         }
@@ -160,7 +160,7 @@ def rollout(
     plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), substeps)
     check_engine(engine)
     if isinstance(policy, Program):
-        fins = scenario.fin_angles if believed is None else _rows("believed", believed, batch)
+        fins = scenario.fin_angles if believed is None else _rows("believed", believed, scenario)
         known = task is None or compiled_task(task) is not None
         if engine == "numba" and known and not scenario.is_late:
             return swim_many(policy, plan, fins, gains, dtype, threads, start)
@@ -187,11 +187,12 @@ def _check(
         raise InvalidArgumentError(f"rngs must be generators of numpy; got {brief(rngs)}")
 
 
-def _rows(argument: str, value: ArrayLike, batch: int) -> NDArray[np.float64]:
-    """Return numbers (B, 3), or (3,) for all, as (B, 3)."""
-    given = finite_array(argument, value, (None, 3), flat=True)
+def _rows(argument: str, value: ArrayLike, scenario: Scenario) -> NDArray[np.float64]:
+    """Return numbers (B, F), or (F,) for all, as (B, F)."""
+    batch, fins = len(scenario), len(scenario.plan.fins)
+    given = finite_array(argument, value, (None, fins), flat=True)
     if len(given) not in (1, batch):
         raise InvalidArgumentError(
-            f"{argument} must have shape (3,) or ({batch}, 3); got {given.shape}"
+            f"{argument} must have shape ({fins},) or ({batch}, {fins}); got {given.shape}"
         )
-    return np.broadcast_to(given, (batch, 3))
+    return np.broadcast_to(given, (batch, fins))

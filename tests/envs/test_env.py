@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,10 +21,13 @@ from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.episode import observation_space
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.kinematics import at_rest
-from aquafish_gym.sense import observe
+from aquafish_gym.plans import FOUR_FINS, TAIL_FISH, BodyPlan
+from aquafish_gym.sense import limits, observe
 from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.contract.scenes import BEFORE_DIVERGING_SEED, ROUGH, THIN
+from tests.plans import ODD
 
 GO = np.array([0.8, 0.6, 0.4], np.float32)
 
@@ -117,7 +121,7 @@ def test_up_and_north_are_the_attitude(rpy: tuple[float, float, float], rate: fl
     np.testing.assert_allclose(seen[:3], matrix[2], atol=1e-6)
     np.testing.assert_allclose(seen[3:6], matrix[1], atol=1e-6)
     assert seen[7] == pytest.approx(np.clip(rate, -34.906586, 34.906586))
-    assert observation_space(observe_fins=False, has_goal=False).contains(seen)
+    assert observation_space(limits()).contains(seen)
 
 
 def test_options_hold_for_one_episode() -> None:
@@ -149,3 +153,48 @@ def test_a_world_that_is_not_finished_is_refused() -> None:
     for face in (AquaFishEnv, AquaFishVectorEnv):
         with pytest.raises(InvalidArgumentError, match="World lacks _start, _swim, _update, close"):
             face(engine=World)
+
+
+@pytest.mark.parametrize("plan", [FOUR_FINS, TAIL_FISH, ODD], ids=lambda plan: plan.name)
+def test_a_fish_of_any_plan_swims_alone_and_in_a_batch(plan: BodyPlan) -> None:
+    fins = len(plan.fins)
+    damage = f"{plan.names[-1]}:weak=0.5; {plan.names[0]}:missing@0.4; random:severe@0.2"
+    kwargs = {"plan": plan, "damage": damage, "observe_fins": "reckoned", "reactive": True}
+    one = gym.make("AquaFish-v0", engine="numba", **kwargs)
+    many = gym.make_vec("AquaFish-v0", num_envs=2, dtype="float64", **kwargs)
+    seen, info = one.reset(seed=7)
+    all_seen, _ = many.reset(seed=7)
+    assert seen.shape == (9 + 2 * fins,)
+    assert one.action_space.shape == info["fin_angles"].shape == info["servo_gain"].shape == (fins,)
+    one.action_space.seed(0)
+    for _ in range(5):
+        action = one.action_space.sample()
+        seen, reward, *_, info = one.step(action)
+        all_seen, rewards, *_, infos = many.step(np.stack([action, -action]))
+        np.testing.assert_array_equal(all_seen[0], seen)
+        assert rewards[0] == pytest.approx(reward, abs=1e-12)
+        np.testing.assert_array_equal(infos["morphology"][0], info["morphology"])
+    assert not info["morphology"][:3].any()  # it is missing
+    again = gym.make(EnvSpec.from_json(one.spec.to_json()))
+    assert again.unwrapped.plan == plan == many.get_attr("plan")[0]
+    again.close()
+    one.close()
+    many.close()
+
+
+def test_what_is_of_another_plan_is_refused_when_it_is_made() -> None:
+    cases = {
+        "plan must be one of .* did you mean 'four-fins'": {"plan": "four"},
+        "damage part must be one of fore_left": {"damage": "caudal:missing"},
+        "damage part must be one of fore_left.*got 'tail'": {"damage": "tail:missing@2-4"},
+        r"morphology must have shape \(12,\)": {"morphology": np.ones(9)},
+        r"fin_angles must have shape \(4,\)": {"fin_angles": np.zeros(3)},
+        "morphology must be of the plan four-fins": {"morphology": Morphology.nominal()},
+    }
+    for message, kwargs in cases.items():
+        with pytest.raises(InvalidArgumentError, match=message):
+            gym.make("FourFins-v0", engine="numba", **kwargs)
+    env = gym.make("TailFish-v0", engine="numba")
+    assert env.unwrapped.plan == TAIL_FISH
+    with pytest.raises(InvalidArgumentError, match="damage part must be one of tail"):
+        env.reset(options={"damage": "caudal:missing"})
