@@ -178,7 +178,6 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         }  # fmt: skip
         self.action_space = episode.action_space(self.plan)
         self.observation_space = episode.observation_space(self._limits)
-        self._servos = servos(self.plan)
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
         intact = Scenario.create(self._config.morphology, plan=self.plan)
@@ -249,14 +248,14 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
         self._robot.flow(self.task.current(self._memory, self._steps * self.dt))
         followed = self._robot.robots.follow(action)
-        world.advance(self._servos.speeds(followed), self.frame_skip)
+        world.advance(servos(self.plan).speeds(followed), self.frame_skip)
         if world.diverged:
             return True
         self._steps += 1
         self._state = world.state()
         self._fin_angles = world.fin_angles
         if self._reckons:
-            self._reckoned = reckon(self._reckoned, self._servos.speeds(action), TAU * self.dt)
+            self._reckoned = reckon(self._reckoned, servos(self.plan).speeds(action), TAU * self.dt)
         return False
 
     def _reward(

@@ -24,6 +24,7 @@ from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS, SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.plans import ODD
 
 
 class Which(StrEnum):
@@ -54,6 +55,8 @@ KWARGS: list[dict[str, Any]] = [
     {"fin_angles": range(3)},
     {"observe_fins": np.bool_(True), "reactive": np.bool_(True)},
     {"frame_skip": np.int64(40)},
+    {"plan": "four-fins"},
+    {"plan": ODD},
     {"frame_skip": Skip.TEN, "observe_fins": np.str_("reckoned")},
     *({"task": task} for task in TASKS.values()),
     {"task": SwimForward(seconds=np.float64(6), forward_weight=2, ctrl_weight=np.float32(0.5))},  # type: ignore[arg-type]
@@ -80,17 +83,20 @@ def test_what_is_written_makes_the_same_environment(kwargs: dict[str, Any]) -> N
     assert swim(several, 12) == swim(gym.make(read_again(several)), 12)
 
 
-@pytest.mark.parametrize("name", aquafish_gym.IDS)
+@pytest.mark.parametrize(
+    "name", [n for n, given in aquafish_gym.IDS.items() if "plan" not in given]
+)
 def test_what_is_read_equals_what_was_written(name: str) -> None:
     for kwargs in KWARGS:
         flows = "current" in kwargs and name in ("AquaFishStation-v0", "AquaFishReturn-v0")
         given = {"engine": "numba", "damage": None} | kwargs
         given |= {"task": "forward"} if flows else {}
         made = gym.make(name, **given)
+        neutral = np.zeros(made.action_space.shape)
         for envs in (
             made,
             gym.make(name, max_episode_steps=7, **given),
-            FaultWrapper(made, "observation:noise=0.1", dt=np.float32(0.5), neutral=np.zeros(3)),
+            FaultWrapper(made, "observation:noise=0.1", dt=np.float32(0.5), neutral=neutral),
             gym.make_vec(name, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **given),
         ):
             spec = envs.spec
@@ -200,7 +206,7 @@ def test_an_entry_point_is_the_public_name() -> None:
 
 @pytest.mark.parametrize("name", aquafish_gym.IDS)
 def test_a_batch_refuses_an_episode_longer_than_the_task(name: str) -> None:
-    lasts = 100 if name == "AquaFish-v0" else 300
+    lasts = 300 if "task" in aquafish_gym.IDS[name] else 100
     assert gym.make_vec(name, 2, max_episode_steps=lasts).spec.max_episode_steps == lasts
     with pytest.raises(InvalidArgumentError, match=rf"at most {lasts}.*got {lasts + 1}: .*"):
         gym.make_vec(name, 2, max_episode_steps=lasts + 1)

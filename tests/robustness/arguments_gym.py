@@ -57,7 +57,7 @@ STILL = FilmedSwim(
 ENV = {
     "morphology": BODY, "damage": "none", "engine": "numba", "current": np.zeros(3),
     "fin_angles": np.zeros(3), "observe_fins": False, "frame_skip": 20, "render_mode": None,
-    "task": "forward", "reactive": False,
+    "task": "forward", "reactive": False, "plan": AQUAFISH,
 }  # fmt: skip
 #: Gymnasium itself looks at ``render_mode``.
 MADE = {name: value for name, value in ENV.items() if name != "render_mode"}
@@ -166,12 +166,12 @@ ROWS = [
         {
             "policy": [hold], "scenario": SCENARIO, "task": SwimForward(seconds=1.0),
             "engine": "numba", "seconds": 1.0, "interval": 20, "believed": None,
-            "believed_gain": np.ones(3), "memory": None, "rngs": (), "dtype": np.float64,
+            "believed_gain": None, "memory": None, "rngs": (), "dtype": np.float64,
             "threads": None, "substeps": 1, "start": None,
         },
         options(
-            task="none", seconds="none, fraction", interval="none", believed="none", memory="none",
-            rngs="empty list", threads="none", start="none",
+            task="none", seconds="none, fraction", interval="none", believed="none",
+            believed_gain="none", memory="none", rngs="empty list", threads="none", start="none",
         ),
     ),
     Call(
@@ -228,7 +228,7 @@ ROWS = [
         {"name": "recovery", "numbers": [0]},
         options(numbers="none, empty list"),
     ),
-    Call(Damage.random, {"rng": np.random.default_rng(0)}),
+    Call(Damage.random, {"rng": np.random.default_rng(0), "plan": AQUAFISH}),
     Call(
         WHOLE.sample, {"rng": np.random.default_rng(0), "parts": {}},
         options(parts="empty mapping, mapping"),
