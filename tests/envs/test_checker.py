@@ -149,7 +149,7 @@ def starts(name: str, seed: int, episodes: int = 3) -> list[bytes]:
     for episode in range(episodes):
         seen, _ = envs.reset(seed=seed if episode == 0 else None)
         for _ in range(5):
-            seen, *_ = envs.step(np.zeros(envs.action_space.shape, np.float32))
+            seen, *_ = envs.step(np.full(envs.action_space.shape, 0.5, np.float32))
         found += [row.tobytes() for row in seen]
     return found
 
