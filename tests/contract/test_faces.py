@@ -32,7 +32,7 @@ from tests.envs.tensor_robots import Arms, array_of
 
 NAME = "AquaFish-v0"
 END = pytest.mark.parametrize("end", ENDS)
-EXAMPLES = settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+EXAMPLES = settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
 NEUTRAL = [0.0, 0.0, -1.0]
 Comparer = Callable[[Any, Any], None]
 
@@ -126,7 +126,7 @@ def test_a_copy_continues_as_the_original(dtype: str, scene: Scene, pickled: boo
 
 
 @pytest.mark.pybullet
-@settings(EXAMPLES, max_examples=10)
+@settings(EXAMPLES, max_examples=5)
 @given(scene=scenes())
 def test_both_engines_are_the_same(scene: Scene) -> None:
     """A batch on PyBullet is its single robots, which are those of the other engine to 2e-6."""
@@ -138,7 +138,7 @@ def test_both_engines_are_the_same(scene: Scene) -> None:
     assert_faces_agree(singles(scene), singles(scene, "pybullet"), scene, alike)
 
 
-@EXAMPLES
+@settings(EXAMPLES, max_examples=8)
 @given(scene=scenes(mode=AutoresetMode.DISABLED))
 def test_a_batch_in_stable_baselines3_is_its_own(scene: Scene) -> None:
     """Of robots whose episode goes on, the information is in arrays beside the step."""
@@ -212,7 +212,7 @@ NOISE = "observation:noise=0.1@1-2+30"  # of which a generator draws many number
 
 
 @pytest.mark.parametrize("mode", MODES)
-@settings(EXAMPLES, max_examples=8)
+@settings(EXAMPLES, max_examples=4)
 @given(seed=st.integers(0, 2**16))
 def test_a_wrapper_around_a_batch_is_one_around_each_environment(
     mode: AutoresetMode, seed: int

@@ -23,7 +23,7 @@ from instruments.verification.trials import random_trials
 def gaps() -> dict[str, np.ndarray]:
     """Return the gaps to MuJoCo, (robots, quantities), of each statement of the motion."""
     pytest.importorskip("mujoco")
-    parts = list(mechanics.compare(robots=4, seed=1))
+    parts = list(mechanics.compare(robots=2, seed=1))
     return {name: np.array([part[name] for part in parts]) for name in parts[0]}
 
 

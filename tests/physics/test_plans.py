@@ -58,7 +58,7 @@ def a_command(plan: BodyPlan, seed: int) -> tuple[Numbers, Numbers]:
 
 @pytest.mark.parametrize("added", [False, True])
 @given(plan=st.sampled_from(PLANS) | plans(), seed=st.integers(0, 99))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=10)
 def test_what_is_printed_is_what_is_stated(added: bool, plan: BodyPlan, seed: int) -> None:
     """To the bit, but for the sign of a zero."""
     command, angles = a_command(plan, seed)
@@ -74,7 +74,7 @@ def test_what_is_printed_is_what_is_stated(added: bool, plan: BodyPlan, seed: in
 @pytest.mark.pybullet
 @pytest.mark.parametrize("added", [False, True])
 @given(plan=st.sampled_from(PLANS) | plans(), seed=st.integers(0, 99))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=8)
 def test_bullets_mechanics_are_the_laws(added: bool, plan: BodyPlan, seed: int) -> None:
     """Bullet knows the fins' masses, hinges and axes from the plan; the water alone is ours."""
     from aquafish_gym.engines.bullet.world import BulletWorld
@@ -123,7 +123,7 @@ def test_lanes_are_plain_floats_to_the_bit(plan: BodyPlan, added: bool) -> None:
     angle=st.floats(0.0, 2 * math.pi) | st.sampled_from([math.pi / 2, math.pi]),
     seed=st.integers(0, 99),
 )
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=10)
 def test_a_fish_that_is_built_on_its_side_swims_the_same(
     added: bool, plan: BodyPlan, angle: float, seed: int
 ) -> None:

@@ -121,7 +121,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("printed")
 
 
-def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
+def random_arrays(name: str, count: int) -> dict[str, Array]:
     """Return the arrays of a function for random robots in any motion."""
     rng = np.random.default_rng(0)
     bodies = rng.uniform(0, AQUAFISH.maxima, (count, 9)) * (rng.random((count, 9)) < 0.9)
@@ -151,8 +151,8 @@ def random_arrays(name: str, count: int = 1000) -> dict[str, Array]:
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_call_is_plain_pythons(name: str, language: str, folder: Path) -> None:
-    """For a thousand random bodies, states and commands."""
-    arrays, expected = random_arrays(name), random_arrays(name)
+    """For 200 random bodies, states and commands."""
+    arrays, expected = random_arrays(name, 200), random_arrays(name, 200)
     in_python(name, folder)(expected, 1)
     LANGUAGES[language](name, folder)(arrays, 1)
     for key, table in arrays.items():
@@ -163,7 +163,7 @@ def test_a_call_is_plain_pythons(name: str, language: str, folder: Path) -> None
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize(("name", "count"), [("step", 1000), ("step_reactive", 100)])
+@pytest.mark.parametrize(("name", "count"), [("step", 200), ("step_reactive", 30)])
 def test_twenty_seconds_are_the_lanes(name: str, count: int, language: str, folder: Path) -> None:
     """Of random robots. Float64 lanes are plain Python to the bit, as ``tests/engines`` shows."""
     arrays, rows = random_arrays(name, count), random_arrays("robot_rows", count)

@@ -377,7 +377,7 @@ def test_float32_stays_near_float64(trials: Trial) -> None:
 
 
 def test_the_scheme_converges_to_the_momentum_form_with_order_one() -> None:
-    drawn = random_trials(4, seed=2)
+    drawn = random_trials(2, seed=2)
     found = scheme_errors(drawn, samples=8)
     for what in ("position", "attitude", "gyro"):
         errors = np.array([np.median(gap[what]) for gap in found])
