@@ -18,6 +18,7 @@ from aquafish.online.phases import Calibrating, Episode, Phase
 from aquafish.online.recognition import Recognised
 from aquafish.online.self_model import SelfModel, noise_of, observed_directions
 from aquafish.online.teacher import Teacher, check_teachers
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.array_types import Floats
@@ -44,11 +45,12 @@ class SelfModelAgent:
     Parameters
     ----------
     library
-        Gaits; the agent swims the first until something breaks. None is the packaged library.
+        Gaits; the agent swims the first until something breaks. None is the packaged library of
+        the robot's plan.
     config
         Settings.
     robot
-        A scenario of one: the whole robot.
+        A scenario of one: the whole robot. None is the nominal one of the library's plan.
     hold
         The environment's ``frame_skip``.
     teachers
@@ -82,13 +84,16 @@ class SelfModelAgent:
         self.hold = integer("hold", hold, 1, 1000)
         self.dt = hold * TIMESTEP
         self._config = AgentConfig() if config is None else instance("config", config, AgentConfig)
-        self._whole = Scenario.create() if robot is None else instance("robot", robot, Scenario)
+        if robot is None:
+            robot = Scenario.create(plan=library[0].morphology.plan if library else AQUAFISH)
+        self._whole = instance("robot", robot, Scenario)
         if len(self._whole) != 1 or self._whole.servo_lag.any():
             raise InvalidArgumentError(
                 f"robot must be one robot, without a servo lag; got {self._whole!r}"
             )
         self._phase: Phase | None = None  # before ``begin``
-        self.library = check_library(load_library() if library is None else library, hold)
+        gaits = load_library(robot.plan) if library is None else library
+        self.library = check_library(gaits, robot.plan, hold)
         self.teachers = check_teachers(teachers, library is None, hold)
 
     @property
@@ -97,10 +102,11 @@ class SelfModelAgent:
         return self._config
 
     def begin(self, fin_angles: ArrayLike | None = None) -> None:
-        """Begin an episode at rest, with the fins at angles (3,), rad; None infers them."""
+        """Begin an episode at rest, with the fins at angles (F,), rad; None infers them."""
         config = self.config
         if fin_angles is not None:
-            fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+            fins = len(self._whole.plan.fins)
+            fin_angles = finite_array("fin_angles", fin_angles, (fins,), unit="rad")
         deaf = np.array([[config.gyro_only] * GYRO_CHANNELS.start + [False] * 3])
         noise = np.array([config.gyro_noise])
         whole = replace(self._whole, gyro_noise=noise, sensor_dropped=deaf)
@@ -147,14 +153,15 @@ class SelfModelAgent:
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
+        shape = (1, len(self._whole.plan.fins))
         if "fin_angles" not in instance("info", info, dict):
-            raise InvalidArgumentError(f"info must have 'fin_angles' (1, 3); got {brief(info)}")
-        self.begin(finite_array("fin_angles", info["fin_angles"], (1, 3), unit="rad", flat=True)[0])
+            raise InvalidArgumentError(f"info must have 'fin_angles' {shape}; got {brief(info)}")
+        self.begin(finite_array("fin_angles", info["fin_angles"], shape, unit="rad", flat=True)[0])
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Return the action (3,), in [-1, 1], for an observation (9,) or longer.
+        """Return the action (F,), in [-1, 1], for an observation (9,) or longer.
 
-        Rows (1, k) of a vector environment give (1, 3). A reading that is not finite, or outside of
+        Rows (1, k) of a vector environment give (1, F). A reading that is not finite, or outside of
         the observation space, is not observed: the self-model predicts it. Nor is a direction of
         length 0.
         """
@@ -175,7 +182,7 @@ class SelfModelAgent:
             chooser.choose_again(phase.model, episode.steps)
         self._phase = phase
         episode.steps += 1
-        return chooser.act(phase.model).reshape((*rows, 3))
+        return chooser.act(phase.model).reshape((*rows, -1))
 
     def _observe(self, phase: Phase, observed: Floats) -> Phase:
         """Take in the readings (9,) after the last action; return the next phase."""

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online import thresholds
 from aquafish.online.belief import SurpriseMonitor
 from aquafish.online.case import Moment
 from aquafish.online.search import mismatch
-from aquafish.online.self_model import FIN_ERRORS, VELOCITY_ERRORS, SelfModel, noise_of, predict
+from aquafish.online.self_model import SelfModel, noise_of, predict
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
@@ -27,6 +28,8 @@ from aquafish_gym.utils.validation import (
 )
 
 WATERS = (False, True)  # without and with added mass
+_MOST_UNKNOWN_FINS = 6  # whose initial angles are found
+_MOST_POSES = 16**4  # from which they are narrowed: with more fins, fewer angles of each
 
 
 class ErrorCalibration:
@@ -56,8 +59,14 @@ class ErrorCalibration:
         if len(instance("robot", robot, Scenario)) != 1:
             raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
         integer("hold", hold, 1)
+        fins = len(robot.plan.fins)
         if fin_angles is not None:
-            fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+            fin_angles = finite_array("fin_angles", fin_angles, (fins,), unit="rad")
+        elif fins > _MOST_UNKNOWN_FINS:
+            raise InvalidArgumentError(
+                f"fin_angles must be known of a fish of more than {_MOST_UNKNOWN_FINS} fins; got "
+                f"None of {robot.plan!r}"
+            )
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
         self.unknown = fin_angles is None
         self.fitted = False
@@ -65,7 +74,7 @@ class ErrorCalibration:
         self._checks = [thresholds.WATER_ACTIONS, thresholds.CALIBRATION_ACTIONS]
         self._hold = hold
         self._start_error = thresholds.START_ERROR
-        self._fins = np.zeros(3) if fin_angles is None else fin_angles
+        self._fins = np.zeros(fins) if fin_angles is None else fin_angles
         self._past: list[tuple[Floats, Floats]] = []
         self._begin()
 
@@ -129,12 +138,12 @@ class ErrorCalibration:
         return bool(self.model.model_error[0] > first)
 
     def add(self, action: Floats, observed: Floats, check: bool = True) -> bool:
-        """Add an action (3,) and the observation (9,) after it; return whether it was the last.
+        """Add an action (F,) and the observation (9,) after it; return whether it was the last.
 
         Without ``check``, whether the water is foreign is checked later.
         """
         wanted = (len(CHANNELS),)
-        action = finite_array("action", action, (3,))
+        action = finite_array("action", action, self._fins.shape)
         observed = real_array("observed", observed, wanted)
         if observed.shape != wanted:
             raise InvalidArgumentError(
@@ -147,7 +156,7 @@ class ErrorCalibration:
         if self.unknown and with_readings == thresholds.FIN_ANGLE_ACTIONS:
             self.unknown = False
             self._start_error = thresholds.START_ERROR.copy()
-            self._start_error[FIN_ERRORS] = thresholds.FIN_ANGLE_ERROR
+            self._start_error[-1] = thresholds.FIN_ANGLE_ERROR
             actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
             self._begin()
@@ -227,9 +236,9 @@ class ErrorCalibration:
 
 
 def wandering_error() -> Floats:
-    """Return the model error (12,) of an exact robot and water, where the current wanders."""
+    """Return the model error (4,) of an exact robot and water, where the current wanders."""
     error = thresholds.MODEL_ERROR.copy()
-    error[VELOCITY_ERRORS] = thresholds.WANDERING_SPEED
+    error[1] = thresholds.WANDERING_SPEED  # of the velocity
     return error
 
 
@@ -241,24 +250,26 @@ def wanders(model: SelfModel) -> bool:
 def find_fins(
     waters: Sequence[Scenario], observed: Floats, actions: Floats, hold: int = 20
 ) -> Floats:
-    """Return the fin angles (3,), rad, at which a robot began at rest.
+    """Return the fin angles (F,), rad, at which a robot began at rest.
 
     ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
-    each of its actions (K, 3).
+    each of its actions (K, F).
     """
-    turn = 2 * np.pi * np.arange(thresholds.POSES_PER_FIN) / thresholds.POSES_PER_FIN
+    plan = waters[0].plan
+    fins = len(plan.fins)
+    most = math.floor(_MOST_POSES ** (1 / fins) + 1e-9)
+    count = min(thresholds.POSES_PER_FIN, most)
+    turn = 2 * np.pi * np.arange(count) / count
     spacing = turn[1]
-    grid = np.stack(np.meshgrid(turn, turn, turn), -1)
-    stencil = np.arange(-1, 2)
-    around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
-    poses: Floats = grid.reshape(-1, 3)
+    around = _grid(np.arange(-1, 2), fins)
+    poses: Floats = _grid(turn, fins)
     for _ in range(thresholds.NARROWING_ROUNDS):
         costs = np.min(
             [
                 mismatch(
                     predict(
                         robot.take(np.zeros(len(poses), np.intp)),
-                        layout(AQUAFISH).start(poses),
+                        layout(plan).start(poses),
                         actions,
                         hold,
                     )[0],
@@ -271,6 +282,11 @@ def find_fins(
         )
         best = poses[np.argsort(costs, kind="stable")[: thresholds.NARROWED_HYPOTHESES]]
         spacing /= 2
-        poses = (best[:, None] + spacing * around).reshape(-1, 3)
+        poses = (best[:, None] + spacing * around).reshape(-1, fins)
     found: Floats = best[0]
     return found
+
+
+def _grid(axis: NDArray[Any], fins: int) -> NDArray[Any]:
+    """Return all combinations (N, F) of the values of an axis."""
+    return np.stack(np.meshgrid(*[axis] * fins), -1).reshape(-1, fins)

@@ -23,8 +23,8 @@ from aquafish_gym.utils.array_types import Floats
 class Moment(NamedTuple):
     """One action, and what came before and after it."""
 
-    state: Floats  #: (25,) before it.
-    action: Floats  #: (3,)
+    state: Floats  #: (R,) before it.
+    action: Floats  #: (F,)
     observed: Floats  #: (9,) after it.
 
 

@@ -53,7 +53,7 @@ class GaitChooser:
     until
         When the episode ends, s since it began; at first ``config.seconds``.
     action
-        (3,) the last one; 0 without one.
+        (F,) the last one; 0 without one.
     """
 
     def __init__(
@@ -71,7 +71,9 @@ class GaitChooser:
         self.dt = dt
         self.events = events
         self.refined: deque[Gait] = deque(maxlen=thresholds.REFINED_GAITS)
-        self.action: NDArray[np.float32] = np.zeros(3, np.float32)
+        self.action: NDArray[np.float32] = np.zeros(
+            len(library[0].morphology.plan.fins), np.float32
+        )
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
         self._efforts: list[Effort] = []  # of the refinements to come of both kinds of gaits
@@ -91,7 +93,7 @@ class GaitChooser:
         self._swimming: Swimmer = gait.begin(model.robot, self.action)
 
     def act(self, model: SelfModel) -> NDArray[np.float32]:
-        """Return the next action (3,), in [-1, 1], of a robot in its present state."""
+        """Return the next action (F,), in [-1, 1], of a robot in its present state."""
         self.action = self._swimming.act(model.robot, model.state)
         return self.action
 

@@ -21,12 +21,18 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan, check_same_plan
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, instance
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    file_path,
+    finite_array,
+    instance,
+)
 from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller, check_controllers, program_of
 from gait.search.cma import FINALS_EVERY, REFINING, evolution_strategy
@@ -35,14 +41,16 @@ from gait.swims.poses import stream
 from gait.swims.scores import by_kind, penalize_diverged
 
 LIBRARY_SCHEMA = "aquafish.library/1"
+#: The packaged libraries of plans.
+PACKAGED = {AQUAFISH: "library.json"}
 NORTHING = FIELDS["position"].start + 1
 
 
 class Ahead(NamedTuple):
     """Where a robot will be after some actions, from which a gait is refined."""
 
-    state: Floats  #: (25,)
-    action: NDArray[np.float32]  #: (3,) the last one; 0 without one.
+    state: Floats  #: (R,)
+    action: NDArray[np.float32]  #: (F,) the last one; 0 without one.
     way: float  #: How far it will swim along +y from there until the end, units.
     seconds: float  #: For how long that is.
 
@@ -72,7 +80,7 @@ class Swimmer(Protocol):
         """What it swims."""
 
     def act(self, robot: Scenario, state: Floats) -> NDArray[np.float32]:
-        """Return the next action (3,), in [-1, 1], of a robot in a state (25,)."""
+        """Return the next action (F,), in [-1, 1], of a robot in a state (R,)."""
 
     def after(self, actions: int) -> Gait:
         """Return the gait that goes on as this agent will after some actions."""
@@ -93,7 +101,7 @@ class Gait(Protocol):
         """Whether it is small enough to be refined in time."""
 
     def begin(self, robot: Scenario, previous: NDArray[np.floating]) -> Swimmer:
-        """Return an agent that swims it, beginning now, after the ``previous`` action (3,)."""
+        """Return an agent that swims it, beginning now, after the ``previous`` action (F,)."""
 
     @staticmethod
     def ahead(
@@ -119,9 +127,9 @@ def imagine_gaits(
     seconds: float,
     previous: NDArray[np.floating],
 ) -> Floats:
-    """Return how far (P,) gaits would swim along +y from a state (25,), in units.
+    """Return how far (P,) gaits would swim along +y from a state (R,), in units.
 
-    ``robot`` is a scenario of one, which they are told, and ``previous`` (3,) the action before.
+    ``robot`` is a scenario of one, which they are told, and ``previous`` (F,) the action before.
     """
     ways = []
     for _, alike in groupby(gaits, key=type):  # those of a class swim together
@@ -154,15 +162,16 @@ def swim_ahead(swimmer: Swimmer, model: SelfModel, actions: int, seconds: float)
 
     A copy of the swimmer swims: it does not change itself.
     """
+    plan = model.robot.plan
     dt = model.hold * TIMESTEP
     copy = swimmer.copy()
     lanes = LaneBatch(model.robot, threads=1, states=model.state[:, None])
     state = model.state
     begin = state
-    last: NDArray[np.float32] = np.zeros(3, np.float32)
+    last: NDArray[np.float32] = np.zeros(len(plan.fins), np.float32)
     for k in range(1, actions + round(seconds / dt) + 1):
         action = copy.act(model.robot, state)
-        lanes.advance(scale_action(AQUAFISH, action[None]), model.hold)
+        lanes.advance(scale_action(plan, action[None]), model.hold)
         state = lanes.states[:, 0].astype(np.float64)
         if k == actions:
             begin, last = state, action
@@ -184,7 +193,7 @@ class ControllerGait:
     def begin(self, robot: Scenario, previous: NDArray[np.floating]) -> Swimmer:  # noqa: ARG002
         """Return an agent that swims it, beginning now; it needs no previous action."""
         agent = ControllerAgent(self.controller)
-        agent.reset({"fin_angles": np.zeros(3)})  # the swimmer sets them
+        agent.reset({"fin_angles": np.zeros(len(robot.plan.fins))})  # the swimmer sets them
         return _ControllerSwimmer(self, agent)
 
     @staticmethod
@@ -210,7 +219,9 @@ class ControllerGait:
     def near(self, vectors: Sequence[Floats], robot: Scenario) -> list[ControllerGait]:
         """Return the gaits of vectors of the search."""
         first = replace(
-            self.controller, morphology=Morphology.from_array(robot.body[0]), sample=None
+            self.controller,
+            morphology=Morphology.from_array(robot.body[0], robot.plan),
+            sample=None,
         )
         template = Template.like(first)
         return [ControllerGait(one) for one in template.controllers(np.array(vectors), first)]
@@ -223,8 +234,8 @@ class _ControllerSwimmer:
     gait: ControllerGait
     _agent: ControllerAgent
 
-    def act(self, robot: Scenario, state: Floats) -> NDArray[np.float32]:  # noqa: ARG002
-        self._agent.fin_angles = layout(AQUAFISH).angles(state)[None]
+    def act(self, robot: Scenario, state: Floats) -> NDArray[np.float32]:
+        self._agent.fin_angles = layout(robot.plan).angles(state)[None]
         return self._agent.act(imu_readings(state[:, None])[0])
 
     def after(self, actions: int) -> ControllerGait:  # noqa: ARG002
@@ -234,27 +245,34 @@ class _ControllerSwimmer:
         return replace(self, _agent=self._agent.copy())
 
 
-def read_library(path: Path | None = None) -> dict[str, Any]:
+def read_library(library: Path | PlanLike = AQUAFISH) -> dict[str, Any]:
     """Return the content of a library: its ``gaits``, and what they took, ``offline``.
 
-    It is the packaged one for None. ``experiments.gaits.library`` made that.
+    It is a JSON file, or the packaged one of a plan. ``experiments.gaits.library`` makes them.
     """
-    if path is not None:
-        return read_document(path, LIBRARY_SCHEMA, "library")
-    return read_packaged("aquafish.online", "library.json", LIBRARY_SCHEMA)
+    if isinstance(library, Path) or (isinstance(library, str) and library.endswith(".json")):
+        return read_document(file_path("library", library), LIBRARY_SCHEMA, "library")
+    plan = check_plan(library)
+    if plan not in PACKAGED:
+        raise InvalidArgumentError(
+            f"library must be given for the plan {plan.name}, of which none is packaged; "
+            "python -m experiments.gaits.library makes it"
+        )
+    return read_packaged("aquafish.online", PACKAGED[plan], LIBRARY_SCHEMA)
 
 
-def load_library(path: Path | None = None) -> list[Controller]:
-    """Return the gaits of a library: two for the whole robot, then those for broken ones."""
-    return [Controller.from_dict(one) for one in read_library(path)["gaits"]]
+def load_library(library: Path | PlanLike = AQUAFISH) -> list[Controller]:
+    """Return the gaits of a library, those for the whole robot first; see ``read_library``."""
+    return [Controller.from_dict(one) for one in read_library(library)["gaits"]]
 
 
-def check_library(library: Sequence[Controller], hold: int) -> list[Controller]:
-    """Return the gaits of a library, each of which holds an action for ``hold`` steps."""
+def check_library(library: Sequence[Controller], plan: BodyPlan, hold: int) -> list[Controller]:
+    """Return the gaits of a plan's library, each of which holds an action for ``hold`` steps."""
     if not isinstance(library, list | tuple) or not library:
         raise InvalidArgumentError(f"library must have a gait; got {brief(library)}")
     for gait in library:
         instance("library", gait, Controller)
+        check_same_plan("library", gait.morphology.plan, plan)
         if gait.interval != hold or gait.senses.goal:
             raise InvalidArgumentError(
                 f"library must have gaits without a goal whose interval is hold, {hold} steps; "
@@ -266,7 +284,7 @@ def check_library(library: Sequence[Controller], hold: int) -> list[Controller]:
 def imagine(
     controllers: Sequence[Controller], robot: Scenario, state: Floats, seconds: float
 ) -> Floats:
-    """Return how far (P,) controllers would swim along +y from a state (25,), in units.
+    """Return how far (P,) controllers would swim along +y from a state (R,), in units.
 
     ``robot`` is a scenario of one, whose sensors count as whole. The controllers know its fin
     angles and servo gains.
@@ -279,7 +297,7 @@ def imagine(
     controllers = check_controllers(controllers)
     if len(instance("robot", robot, Scenario)) != 1:
         raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
-    state = finite_array("state", state, (layout(AQUAFISH).state_rows,))
+    state = finite_array("state", state, (layout(robot.plan).state_rows,))
     seconds = float(finite_array("seconds", seconds, (), TIMESTEP, unit="s"))
     sensors = {name: np.zeros_like(getattr(robot, name)) for name in SENSOR_FIELDS}
     whole = replace(robot, **sensors)

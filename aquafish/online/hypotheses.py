@@ -15,8 +15,8 @@ import numpy as np
 from aquafish.online import thresholds
 from aquafish_gym.damage import Damage, Fault
 from aquafish_gym.damage.breaking import break_part
-from aquafish_gym.damage.words import PARTS, Range, needs_number
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.damage.words import FIN_WORDS, Range, needs_number
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -36,7 +36,7 @@ FIRST_NUMBERS: dict[str, tuple[float, ...]] = {
 
 #: The words that take a number, and its range in the grammar.
 NUMBERED: dict[str, Range] = {
-    word: number for word in FIRST_NUMBERS if needs_number(number := PARTS["caudal"][word])
+    word: number for word in FIRST_NUMBERS if needs_number(number := FIN_WORDS[word])
 }
 
 
@@ -98,15 +98,15 @@ class DamageGrid(NamedTuple):
             numbers[:, i] = numbers[:, i].clip(*searched_range(self.words[i][1]))
         return self._replace(numbers=numbers)
 
-    def with_another(self) -> list[DamageGrid]:
-        """Return the first damage with each fault of each fin that is whole in it."""
+    def with_another(self, plan: BodyPlan) -> list[DamageGrid]:
+        """Return the first damage with each fault of each fin of a plan that is whole in it."""
         broken_fins = {fin for fin, _ in self.words}
         return [
             DamageGrid(
                 (*self.words, (fin, word)),
                 _rows([*((number,) for number in self.numbers[0].tolist()), numbers]),
             )
-            for fin in AQUAFISH.names
+            for fin in plan.names
             if fin not in broken_fins
             for word, numbers in FIRST_NUMBERS.items()
         ]
@@ -120,7 +120,7 @@ class DamageGrid(NamedTuple):
         """Return the first one."""
         return Damage(
             tuple(
-                Fault(fin, word, number if needs_number(PARTS[fin][word]) else None)
+                Fault(fin, word, number if needs_number(FIN_WORDS[word]) else None)
                 for (fin, word), number in zip(self.words, self.numbers[0].tolist(), strict=True)
             )
         )
@@ -145,13 +145,13 @@ def broken(robot: Scenario, grids: Sequence[DamageGrid]) -> Scenario:
 
 
 @cache
-def all_hypotheses() -> tuple[DamageGrid, ...]:
+def all_hypotheses(plan: BodyPlan) -> tuple[DamageGrid, ...]:
     """Return nothing broken, each word, two words about two fins, and two sizes of one fin."""
-    singles = [(fin, word) for fin in AQUAFISH.names for word in FIRST_NUMBERS]
+    singles = [(fin, word) for fin in plan.names for word in FIRST_NUMBERS]
     apart = [pair for pair in combinations(singles, 2) if pair[0][0] != pair[1][0]]
     together = [
         ((fin, one), (fin, other))
-        for fin in AQUAFISH.names
+        for fin in plan.names
         for one, other in combinations(("length", "width", "weak"), 2)
     ]
     several = [(), *((one,) for one in singles), *apart, *together]

@@ -36,7 +36,6 @@ from aquafish.online.recognition import Recognised, alike
 from aquafish.online.self_model import SelfModel, noise_of, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
 
@@ -120,7 +119,7 @@ class Episode:
 class Calibrating:
     """Measures the model's error, and finds where the fins are; the robot counts as whole.
 
-    Where the fin angles (3,) are known, it looks for damage meanwhile (:class:`EarlyWatch`).
+    Where the fin angles (F,) are known, it looks for damage meanwhile (:class:`EarlyWatch`).
     """
 
     chooses_again = False
@@ -155,7 +154,9 @@ class Calibrating:
         check = (early is None or early.known is None) and not explaining
         enough = calibration.add(moment.action, moment.observed, check)
         if unknown and not calibration.unknown:
-            episode.log("fins", str(layout(AQUAFISH).angles(self.model.state).round(2).tolist()))
+            model = self.model
+            angles = layout(model.robot.plan).angles(model.state)
+            episode.log("fins", str(angles.round(2).tolist()))
             episode.chooser.begin(self.model)
         if episode.steps == thresholds.WATER_ACTIONS and calibration.other_water and not explaining:
             episode.log("water", calibration.other_water)

@@ -38,9 +38,9 @@ class Recognised:
     robot
         What it became, its sensors included: a scenario of one.
     onset, start
-        After how many actions it became that robot, and its state (25,) then.
+        After how many actions it became that robot, and its state (R,) then.
     state
-        (25,) of that robot after the last action.
+        (R,) of that robot after the last action.
     explained
         Whether this explains most channels; False is "none of my hypotheses".
     decided
@@ -109,10 +109,10 @@ def recognise(
         What the robot may have been until then, scenarios of one; the present belief first, the
         last with its sensors whole.
     states
-        (25,) the states before the first action, the second, and so on. Something may have broken
+        (R,) the states before the first action, the second, and so on. Something may have broken
         at any of them.
     observed, actions
-        (K, 9) observations, NaN where a channel was not observed, each after its action (K, 3).
+        (K, 9) observations, NaN where a channel was not observed, each after its action (K, F).
     drift
         (9,) rms error of the model's own predictions.
     tolerance

@@ -88,7 +88,7 @@ class Search:
         ]
 
     def costs(self, robots: Scenario, case: int, start: Floats, until: int | None = None) -> Floats:
-        """Return minus the log likelihoods (N,) of robots that begin in states (25, N) or (25,)."""
+        """Return minus the log likelihoods (N,) of robots that begin in states (R, N) or (R,)."""
         b, onset = self.cases[case]
         seen = self.observed[onset:until] - self.before[b].sensor_bias[0]
         predicted = self.predict(robots, case, start, until)
@@ -102,7 +102,7 @@ class Search:
         return predict(robots, start, actions, self.hold)[0]
 
     def starts(self, case: int, currents: Floats) -> Floats:
-        """Return the states (25, N) of a case in which water has begun to flow with (N, 3)."""
+        """Return the states (R, N) of a case in which water has begun to flow with (N, 3)."""
         starts = np.repeat(self.states[self.cases[case][1]][:, None], len(currents), axis=1)
         starts[FIELDS["velocity"]] -= currents.T
         return starts
@@ -133,7 +133,7 @@ class Search:
 
     def pairs(self) -> Candidate:
         """Return the best of all single faults and pairs."""
-        everything = all_hypotheses()
+        everything = all_hypotheses(self.before[0].plan)
         prior = _priors(everything)
         banks = [broken(robot, everything) for robot in self.before]
         until = thresholds.COMPARED_ACTIONS + len(self.states)
@@ -167,7 +167,7 @@ class Search:
                 pairs[grid.words] = grid.row(row)
             if len(pairs) == thresholds.THIRD_PAIRS:
                 break
-        grids = [more for pair in pairs.values() for more in pair.with_another()]
+        grids = [more for pair in pairs.values() for more in pair.with_another(self.before[b].plan)]
         robots = broken(self.before[b], grids)
         costs = self.costs(robots, case, self.states[onset], until) + _priors(grids)
         ends = [
@@ -251,7 +251,7 @@ class Search:
 
     def currents(self) -> Candidate:
         """Return the best current that begins while the robot remains what it was."""
-        nothing = all_hypotheses()[0]
+        nothing = all_hypotheses(self.before[0].plan)[0]
         found = Candidate(np.inf, 0, nothing)
         near = np.concatenate([np.zeros((1, 3)), thresholds.CURRENT_DIFFERENCE * np.eye(3)])
         moved = np.full(3, thresholds.CURRENT_DIFFERENCE)

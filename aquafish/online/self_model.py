@@ -1,12 +1,15 @@
 """A robot's model of itself that it carries along, corrected by its sensors as it swims.
 
 A cubature Kalman filter (I. Arasaratnam and S. Haykin, "Cubature Kalman filters", 2009) corrects
-the simulated state by what the inertial measurement unit observes. The error of a state has twelve
-numbers: a small rotation about the body's axes, the velocity in the world, the angular velocity and
-the three fin angles. The position is only predicted: nothing depends on it.
+the simulated state by what the inertial measurement unit observes. The error of a state has nine
+numbers and one for each of F fins: a small rotation about the body's axes, the velocity in the
+world, the angular velocity and the fin angles. The position is only predicted: nothing depends on
+it.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from aquafish.online import thresholds
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.layout import FIELDS, JOINTS, layout, state_of
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
 from aquafish_gym.sense import imu
 from aquafish_gym.utils.array_types import Floats
@@ -32,14 +35,22 @@ MAXIMUM_ACTION_STEPS = 1000  # of 0.01 s
 
 
 SENSOR_FIELDS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")  # of a scenario
-ERROR_SIZE = 12  # of the error of a state
-ATTITUDE_ERRORS = slice(0, 3)
+ATTITUDE_ERRORS = slice(0, 3)  # of the error of a state
 VELOCITY_ERRORS = slice(3, 6)
 SPIN_ERRORS = slice(6, 9)
-FIN_ERRORS = slice(9, 12)
-_POINTS: Floats = np.sqrt(ERROR_SIZE) * np.concatenate(
-    [np.eye(ERROR_SIZE), -np.eye(ERROR_SIZE)]
-)  # (24, 12)
+FIN_ERRORS = slice(9, None)
+
+
+def error_size(plan: BodyPlan) -> int:
+    """Return E, the size of the error of a state."""
+    return FIN_ERRORS.start + len(plan.fins)
+
+
+@cache
+def _points(size: int) -> Floats:
+    """Return the cubature points (2 E, E) of a standard normal error."""
+    points: Floats = np.sqrt(size) * np.concatenate([np.eye(size), -np.eye(size)])
+    return points
 
 
 class SelfModel:
@@ -50,18 +61,18 @@ class SelfModel:
     robot
         A scenario of one robot: its body, servos, water and sensors.
     fin_angles
-        (3,) at the start, rad. It begins at rest.
+        (F,) at the start, rad. It begins at rest.
     model_error, start_error
-        (12,) see ``MODEL_ERROR`` and ``thresholds.START_ERROR``; positive.
+        (4,) see ``thresholds.MODEL_ERROR`` and ``thresholds.START_ERROR``; positive.
     hold
         For how many steps of 0.01 s an action is held.
 
     Attributes
     ----------
     state
-        (25,) the estimate, in the order of ``aquafish_gym.physics.layout``.
+        (R,) the estimate: rows of the plan's ``aquafish_gym.physics.layout``.
     covariance
-        (12, 12) of its error.
+        (E, E) of its error.
     noise
         (9,) see :func:`noise_of`.
     log_likelihood
@@ -85,49 +96,53 @@ class SelfModel:
     ) -> None:
         if len(instance("robot", robot, Scenario)) != 1:
             raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
-        angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        self.model_error = finite_array("model_error", model_error, (ERROR_SIZE,), 0.0)
+        angles = finite_array("fin_angles", fin_angles, (len(robot.plan.fins),), unit="rad")
+        self.model_error = finite_array("model_error", model_error, (4,), 0.0)
         self.hold = integer("hold", hold, 1, MAXIMUM_ACTION_STEPS)
-        self.covariance: Floats = np.diag(
-            finite_array("start_error", start_error, (ERROR_SIZE,), 0.0) ** 2
-        )
+        start = finite_array("start_error", start_error, (4,), 0.0)
+        self.covariance: Floats = np.diag(error_sds(robot.plan, start) ** 2)
         self.log_likelihood = 0.0
-        self.become(robot, layout(AQUAFISH).start(angles[None])[:, 0])
+        self.become(robot, layout(robot.plan).start(angles[None])[:, 0])
 
     def copy(self) -> SelfModel:
         """Return a model that goes on from the same state by itself."""
-        twin = SelfModel(self.robot, np.zeros(3), self.model_error, hold=self.hold)
+        fins = len(self.robot.plan.fins)
+        twin = SelfModel(self.robot, np.zeros(fins), self.model_error, hold=self.hold)
         twin.become(self.robot, self.state)
         twin.covariance = self.covariance
         twin.log_likelihood = self.log_likelihood
         return twin
 
     def become(self, robot: Scenario, state: Floats) -> None:
-        """Replace the robot and its state (25,); keep the covariance."""
+        """Replace the robot and its state (R,); keep the covariance."""
         self.robot = robot
         self.state = state
         self.noise = noise_of(robot)
-        points = np.zeros(2 * ERROR_SIZE + 1, np.intp)
+        points = np.zeros(2 * error_size(robot.plan) + 1, np.intp)
         self._lanes = LaneBatch(robot.take(points), np.float64, threads=1, states=state[:, None])
 
     def step(self, action: ArrayLike) -> None:
-        """Predict the state after an action (3,) in [-1, 1]."""
-        action = finite_array("action", action, (3,))
-        spread = _POINTS @ np.linalg.cholesky(self.covariance).T
-        points = moved(self.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
+        """Predict the state after an action (F,) in [-1, 1]."""
+        plan = self.robot.plan
+        action = finite_array("action", action, (len(plan.fins),))
+        spread = self._spread()
+        points = moved(plan, self.state, np.concatenate([np.zeros((1, spread.shape[1])), spread]))
         self._lanes.states[:] = points
-        self._lanes.advance(
-            np.tile(scale_action(AQUAFISH, action), (points.shape[1], 1)), self.hold
-        )
+        self._lanes.advance(np.tile(scale_action(plan, action), (points.shape[1], 1)), self.hold)
         ended = self._lanes.states.astype(np.float64)
-        errors = state_errors(ended[:, 1:], ended[:, 0])
+        errors = state_errors(plan, ended[:, 1:], ended[:, 0])
         mean = errors.mean(axis=0)
-        self.state = moved(ended[:, 0], mean[None])[:, 0]
+        self.state = moved(plan, ended[:, 0], mean[None])[:, 0]
         errors -= mean
-        self.covariance = errors.T @ errors / len(errors) + np.diag(self.model_error**2)
+        added = np.diag(error_sds(plan, self.model_error) ** 2)
+        self.covariance = errors.T @ errors / len(errors) + added
+
+    def _spread(self) -> Floats:
+        """Return the errors (2 E, E) whose mean square is the covariance."""
+        return _points(len(self.covariance)) @ np.linalg.cholesky(self.covariance).T
 
     def follow(self, action: ArrayLike, observed: Floats) -> float:
-        """Predict the state after an action (3,), and correct it by what was observed (9,) then.
+        """Predict the state after an action (F,), and correct it by what was observed (9,) then.
 
         Return what :meth:`correct` returns.
         """
@@ -149,12 +164,12 @@ class SelfModel:
         cross = errors.T @ seen / len(errors)
         gain = np.linalg.solve(covariance, cross.T).T
         correction = np.asarray(gain @ innovation, np.float64)
-        self.state = moved(self.state, correction[None])[:, 0]
+        self.state = moved(self.robot.plan, self.state, correction[None])[:, 0]
         # A wild reading would make it faster than the physics can simulate, for ever.
         for field, most in (("velocity", MAXIMUM_CURRENT), ("spin", MAXIMUM_SPIN)):
             self.state[FIELDS[field]] = self.state[FIELDS[field]].clip(-most, most)
         left = self.covariance - gain @ cross.T
-        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(ERROR_SIZE)
+        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(len(left))
         square = float(innovation @ np.linalg.solve(covariance, innovation))
         self.log_likelihood -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
         return square
@@ -168,13 +183,13 @@ class SelfModel:
         return np.abs(innovation) / np.sqrt(np.diag(covariance))
 
     def _compare(self, observed: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return errors (24, 12) of the state and what they change of the observation (24, 9).
+        """Return errors (2 E, E) of the state and what they change of the observation (2 E, 9).
 
         Also the covariance (9, 9) of the observation, and its innovation (9,).
         """
         used = self.used(observed)
-        errors = _POINTS @ np.linalg.cholesky(self.covariance).T
-        seen = imu_readings(moved(self.state, errors))
+        errors = self._spread()
+        seen = imu_readings(moved(self.robot.plan, self.state, errors))
         mean = seen.mean(axis=0)
         seen = np.where(used, seen - mean, 0.0)
         noise = np.where(used, np.hypot(self.noise, thresholds.LEAST_OBSERVATION_SD), 1.0)
@@ -186,13 +201,13 @@ class SelfModel:
 def predict(
     robots: Scenario, states: Floats, actions: Floats, hold: int = 20
 ) -> tuple[Floats, Floats]:
-    """Return what the sensors of N robots would observe (N, K, 9) after each action (K, 3).
+    """Return what the sensors of N robots would observe (N, K, 9) after each action (K, F).
 
-    They begin in ``states`` (25, N), or all in one (25,). Also return the states (25, N) in which
+    They begin in ``states`` (R, N), or all in one (R,). Also return the states (R, N) in which
     they end. Sensors are whole. In single precision, on one thread.
     """
     count = len(instance("robots", robots, Scenario))
-    actions = finite_array("actions", actions, (None, 3))
+    actions = finite_array("actions", actions, (None, len(robots.plan.fins)))
     integer("hold", hold, 1, MAXIMUM_ACTION_STEPS)
     rows = layout(robots.plan).state_rows
     states = real_array("states", states, f"({rows}, {count})")
@@ -202,7 +217,7 @@ def predict(
         )
     lanes = LaneBatch(robots, threads=1, states=states.reshape(len(states), -1))
     observed = np.empty((len(robots), len(actions), 9))
-    for k, command in enumerate(scale_action(AQUAFISH, actions)):
+    for k, command in enumerate(scale_action(robots.plan, actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)
         observed[:, k] = np.transpose(imu(lanes.state()))
     return observed, lanes.states.astype(np.float64)
@@ -231,29 +246,34 @@ def noise_of(robot: Scenario) -> Floats:
 
 
 def imu_readings(states: Floats) -> Floats:
-    """Return what the inertial measurement unit observes, (N, 9), in states (25, N)."""
-    return np.array(imu(layout(AQUAFISH).state(states))).T
+    """Return what the inertial measurement unit observes, (N, 9), in states (R, N)."""
+    return np.array(imu(state_of(list(states[:JOINTS])))).T
 
 
-def moved(state: Floats, errors: Floats) -> Floats:
-    """Return states (25, N) that differ from one (25,) by errors (N, 12)."""
+def error_sds(plan: BodyPlan, kinds: Floats) -> Floats:
+    """Return the standard deviations (E,) of an error, of those of its four kinds of numbers."""
+    return np.repeat(kinds, (3, 3, 3, len(plan.fins)))
+
+
+def moved(plan: BodyPlan, state: Floats, errors: Floats) -> Floats:
+    """Return states (R, N) that differ from one (R,) by errors (N, E)."""
     states = np.repeat(state[:, None], len(errors), axis=1)
     turned = Rotation.from_quat(state[FIELDS["orientation"]])
     turned *= Rotation.from_rotvec(errors[:, ATTITUDE_ERRORS])
     states[FIELDS["orientation"]] = turned.as_quat().T
     states[FIELDS["velocity"]] += errors[:, VELOCITY_ERRORS].T
     states[FIELDS["spin"]] += errors[:, SPIN_ERRORS].T
-    angles = layout(AQUAFISH).angles(state)[:, None] + errors[:, FIN_ERRORS].T
-    joints = states[layout(AQUAFISH).joints]
+    angles = layout(plan).angles(state)[:, None] + errors[:, FIN_ERRORS].T
+    joints = states[layout(plan).joints]
     joints[::2], joints[1::2] = np.cos(angles), np.sin(angles)
     return states
 
 
-def state_errors(states: Floats, state: Floats) -> Floats:
-    """Return the errors (N, 12) by which states (25, N) differ from one (25,)."""
+def state_errors(plan: BodyPlan, states: Floats, state: Floats) -> Floats:
+    """Return the errors (N, E) by which states (R, N) differ from one (R,)."""
     before = Rotation.from_quat(state[FIELDS["orientation"]])
     turn = before.inv() * Rotation.from_quat(states[FIELDS["orientation"]].T)
-    angles = layout(AQUAFISH).angles(states) - layout(AQUAFISH).angles(state)[:, None]
+    angles = layout(plan).angles(states) - layout(plan).angles(state)[:, None]
     errors: Floats = np.concatenate(
         [
             turn.as_rotvec().T,

@@ -15,11 +15,11 @@ from aquafish_gym.utils.array_types import Floats
 
 #: rad, units/s, rad/s, rad: what the model's own error adds in an action to the standard deviations
 #: of attitude, velocity, angular velocity and fin angles
-MODEL_ERROR: Floats = np.repeat([1e-5, 1e-4, 1e-4, 1e-5], 3)
+MODEL_ERROR: Floats = np.array([1e-5, 1e-4, 1e-4, 1e-5])
 #: as MODEL_ERROR: the least of it after a robot was recognised, whose numbers are not exact
-RECOGNISED_ERROR: Floats = np.repeat([1e-4, 1e-3, 1e-3, 5e-4], 3)
+RECOGNISED_ERROR: Floats = np.array([1e-4, 1e-3, 1e-3, 5e-4])
 #: as MODEL_ERROR: of the state at the start; a robot at rest moves against water that may flow
-START_ERROR: Floats = np.repeat([1e-4, 0.2, 1e-4, 1e-4], 3)
+START_ERROR: Floats = np.array([1e-4, 0.2, 1e-4, 1e-4])
 #: 1 or rad/s: standard deviation of an observation without noise, for rounding and single precision
 LEAST_OBSERVATION_SD = 2e-4
 

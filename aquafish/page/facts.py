@@ -10,7 +10,7 @@ from aquafish.online import AgentConfig, thresholds
 from aquafish.online.belief import chance_bound
 from aquafish.online.gaits import load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED, all_hypotheses, searched_range
-from aquafish.online.self_model import ERROR_SIZE
+from aquafish.online.self_model import error_sds, error_size
 from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.physics.layout import FIELDS, layout
 from aquafish_gym.plans import AQUAFISH
@@ -31,9 +31,15 @@ def agent_facts(seconds: float) -> dict[str, Any]:
     hold = gaits[0].interval
     return {
         "thresholds": {
-            name: np.asarray(value).tolist()
-            for name, value in vars(thresholds).items()
-            if name.isupper()
+            **{
+                name: np.asarray(value).tolist()
+                for name, value in vars(thresholds).items()
+                if name.isupper()
+            },
+            **{
+                name: error_sds(AQUAFISH, getattr(thresholds, name)).tolist()
+                for name in ("MODEL_ERROR", "RECOGNISED_ERROR", "START_ERROR")
+            },
         },
         "hold": hold,
         "seconds": hold * TIMESTEP,
@@ -44,7 +50,7 @@ def agent_facts(seconds: float) -> dict[str, Any]:
             thresholds.CHANNEL_TOLERANCE, thresholds.TOLERANCE_RATIO * noise
         ).tolist(),
         "northing": FIELDS["position"].start + 1,
-        "errors": ERROR_SIZE,
+        "errors": error_size(AQUAFISH),
         "stateRows": layout(AQUAFISH).state_numbers,
         "robotRows": layout(AQUAFISH).robot_rows,
         "parts": PART_NUMBERS * len(drawn_parts()),
@@ -69,8 +75,12 @@ def agent_facts(seconds: float) -> dict[str, Any]:
             for word in FIRST_NUMBERS
         },
         # It begins at rest, in water whose current it knows.
-        "startCovariance": np.diag(np.full(ERROR_SIZE, thresholds.START_ERROR[0]) ** 2).tolist(),
-        "largestError": (thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR).tolist(),
+        "startCovariance": np.diag(
+            np.full(error_size(AQUAFISH), thresholds.START_ERROR[0]) ** 2
+        ).tolist(),
+        "largestError": error_sds(
+            AQUAFISH, thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR
+        ).tolist(),
         "windows": [
             (window, chance_bound(window * len(CHANNELS))) for window in thresholds.WINDOWS
         ],
@@ -87,7 +97,7 @@ def singles() -> list[list[dict[str, Any]]]:
             {"fin": fin, "word": word, "number": number}
             for (fin, word), number in zip(grid.words, row, strict=True)
         ]
-        for grid in all_hypotheses()
+        for grid in all_hypotheses(AQUAFISH)
         if len(grid.words) < 2
         for row in grid.numbers.tolist()
     ]

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from aquafish.online.self_model import ERROR_SIZE
+from aquafish.online.self_model import error_size
 from aquafish.page.facts import GAIT_SENSES, agent_facts
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.code_generation import robot_code
@@ -105,13 +105,13 @@ _FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
     },
     move: {
         "state": layout(AQUAFISH).state_numbers,
-        "error": ERROR_SIZE,
+        "error": error_size(AQUAFISH),
         "found": layout(AQUAFISH).state_numbers,
     },
     state_error: {
         "state": layout(AQUAFISH).state_numbers,
         "other": layout(AQUAFISH).state_numbers,
-        "error": ERROR_SIZE,
+        "error": error_size(AQUAFISH),
     },
 }
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.self_model import ERROR_SIZE, moved, predict
+from aquafish.online.self_model import error_size, moved, predict
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
 from aquafish_gym.engines.compiled.lanes import LaneBatch
@@ -34,7 +34,6 @@ UPDATE_STEPS = 5  # steps of 0.01 s in an update
 LONGEST_STRIKE = 2.0  # s of delay for which what was before a strike is kept
 GAIT_HORIZON_SECONDS = 20.0  # for which the self-model agent chooses a gait
 BELIEF_SAMPLES = 12  # of what the self-model may be
-_DRAWS: Floats = np.random.default_rng(0).standard_normal((BELIEF_SAMPLES, ERROR_SIZE))
 _NOTHING: Wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
@@ -258,8 +257,11 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Fl
     alternatives that its last inference found, in proportion to their weights.
     """
     model = agent.model
-    spread = _DRAWS @ np.linalg.cholesky(model.covariance).T
-    states = moved(model.state, np.concatenate([np.zeros((1, ERROR_SIZE)), spread]))
+    size = error_size(model.robot.plan)
+    draws = np.random.default_rng(0).standard_normal((BELIEF_SAMPLES, size))
+    spread = draws @ np.linalg.cholesky(model.covariance).T
+    errors = np.concatenate([np.zeros((1, size)), spread])
+    states = moved(model.robot.plan, model.state, errors)
     robots = [model.robot] * (1 + BELIEF_SAMPLES)
     if agent.recognised is not None:
         several = agent.recognised.alternatives

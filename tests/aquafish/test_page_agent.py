@@ -116,11 +116,13 @@ def test_the_filter_moves_states_as_the_library_does() -> None:
         error = 0.1 * rng.standard_normal(12)
         found = [0.0] * 22
         move(state[:22].tolist(), error.tolist(), found)
-        wanted = moved(state, error[None])[:, 0]
+        wanted = moved(AQUAFISH, state, error[None])[:, 0]
         np.testing.assert_allclose(found, wanted[:22], atol=1e-12)
         back = [0.0] * 12
         state_error(found, state[:22].tolist(), back)
-        np.testing.assert_allclose(back, state_errors(wanted[:, None], state)[0], atol=1e-12)
+        np.testing.assert_allclose(
+            back, state_errors(AQUAFISH, wanted[:, None], state)[0], atol=1e-12
+        )
 
 
 def test_a_fish_is_placed_as_everywhere_else() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple, Self
 
 import numpy as np
 import pytest
@@ -15,21 +16,37 @@ from aquafish.online.search import Search
 from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.scenario import Scenario
 
-STROKES = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 3))
-WHOLE = Scenario.create()
-FINS = np.array([0.4, -1.0, 2.0])
-STATE = predict(WHOLE, SelfModel(WHOLE, FINS).state, STROKES)[1][:, 0]
+
+class Fish(NamedTuple):
+    """A whole robot, and its state after some strokes (12, F) from rest at some fin angles."""
+
+    whole: Scenario
+    strokes: np.ndarray
+    fins: np.ndarray
+    state: np.ndarray
+
+    @classmethod
+    def of(cls, plan: BodyPlan) -> Self:
+        whole = Scenario.create(plan=plan)
+        strokes = np.random.default_rng(3).uniform(-1.0, 1.0, (12, len(plan.fins)))
+        fins = np.array([0.4, -1.0, 2.0, 1.2])[: len(plan.fins)]
+        state = predict(whole, SelfModel(whole, fins).state, strokes)[1][:, 0]
+        return cls(whole, strokes, fins, state)
+
+
+AQUA, FOUR = (Fish.of(plan) for plan in (AQUAFISH, FOUR_FINS))
+WHOLE, STROKES, FINS, STATE = AQUA
 DRIFT, TOLERANCE = np.full(9, 1e-4), np.full(9, 0.05)
 DEAF = replace(WHOLE, sensor_dropped=np.array([[True] * 6 + [False] * 3]))
 
 
-def observe(damage: str, noise: float = 0.0) -> np.ndarray:
+def observe(damage: str, noise: float = 0.0, fish: Fish = AQUA) -> np.ndarray:
     """Return what a damaged robot observes (K, 9) from the state on."""
-    robot = Damage.parse(damage).edit(WHOLE)
-    seen = predict(robot, STATE, STROKES)[0][0].copy()
+    robot = Damage.parse(damage).edit(fish.whole)
+    seen = predict(robot, fish.state, fish.strokes)[0][0].copy()
     seen[:, 6:] += noise * np.random.default_rng(0).standard_normal((len(seen), 3))
     seen[:, 6:] += robot.gyro_noise[0] * np.random.default_rng(1).standard_normal((len(seen), 3))
     seen += robot.sensor_bias[0]
@@ -48,13 +65,17 @@ def observe(damage: str, noise: float = 0.0) -> np.ndarray:
         "left_pectoral:reversed; caudal:width=0.5",
         "right_pectoral:weak=0.21; caudal:entangled=0.7",
         "left_pectoral:length=0.6; left_pectoral:width=0.7",
+        "fore_left:length=0.33; hind_right:weak=0.5",
+        "hind_left:missing",
     ],
 )
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_single_and_double_faults_are_recognised(damage: str, noise: float) -> None:
-    whole = replace(WHOLE, gyro_noise=np.array([noise]))
-    found = recognise([whole], [STATE], observe(damage, noise), STROKES, DRIFT, TOLERANCE)
-    true = Damage.parse(damage).edit(WHOLE)
+    fish = FOUR if damage.startswith(("fore", "hind")) else AQUA
+    whole = replace(fish.whole, gyro_noise=np.array([noise]))
+    seen = observe(damage, noise, fish)
+    found = recognise([whole], [fish.state], seen, fish.strokes, DRIFT, TOLERANCE)
+    true = Damage.parse(damage).edit(fish.whole)
     assert found.explained
     np.testing.assert_allclose(found.robot.body, true.body, atol=0.04)
     np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.04)
@@ -67,12 +88,15 @@ def test_single_and_double_faults_are_recognised(damage: str, noise: float) -> N
         "left_pectoral:width=0.54; right_pectoral:length=0.7; caudal:weak=0.32",
         "left_pectoral:width=0.17; right_pectoral:missing; caudal:seized",
         "left_pectoral:entangled=0.3; right_pectoral:weak=0.4; caudal:reversed",
+        "fore_left:width=0.54; fore_right:weak=0.7; hind_left:missing",
     ],
 )
 def test_three_faults_at_once_are_recognised(damage: str) -> None:
-    whole = replace(WHOLE, gyro_noise=np.array([0.01]))
-    found = recognise([whole], [STATE], observe(damage, 0.01), STROKES, DRIFT, TOLERANCE)
-    true = Damage.parse(damage).edit(WHOLE)
+    fish = FOUR if damage.startswith("fore") else AQUA
+    whole = replace(fish.whole, gyro_noise=np.array([0.01]))
+    seen = observe(damage, 0.01, fish)
+    found = recognise([whole], [fish.state], seen, fish.strokes, DRIFT, TOLERANCE)
+    true = Damage.parse(damage).edit(fish.whole)
     assert found.fits
     assert found.decided
     np.testing.assert_allclose(found.robot.body, true.body, atol=0.02)
@@ -85,18 +109,21 @@ def test_three_faults_at_once_are_recognised(damage: str) -> None:
         "right_pectoral:weak=1.69; left_pectoral:width=1.96",
         "caudal:thickness=0.25; right_pectoral:thickness=2.6",
         "left_pectoral:width=0.5; left_pectoral:weak=0.6; caudal:length=0.5; caudal:weak=0.7",
+        "fore_left:thickness=2.6; hind_right:weak=1.5",
     ],
-    ids=["too strong", "thickness", "four faults"],
+    ids=["too strong", "thickness", "four faults", "four fins"],
 )
 def test_what_no_hypothesis_says_is_fitted_as_all_sizes_and_gains(damage: str) -> None:
-    whole = replace(WHOLE, gyro_noise=np.array([0.01]))
-    case = [whole], [STATE], observe(damage, 0.01), STROKES, DRIFT, TOLERANCE
+    fish = FOUR if damage.startswith("fore") else AQUA
+    whole = replace(fish.whole, gyro_noise=np.array([0.01]))
+    seen = observe(damage, 0.01, fish)
+    case = [whole], [fish.state], seen, fish.strokes, DRIFT, TOLERANCE
     assert not recognise(*case).fits
     found = recognise(*case, identifies=True)
     assert found.fits
     assert found.decided
     assert found.identified
-    true = Damage.parse(damage).edit(WHOLE)
+    true = Damage.parse(damage).edit(fish.whole)
     np.testing.assert_allclose(found.robot.body, true.body, atol=0.01)
     np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.01)
     assert str(found.alternatives[0].damage) == str(found.damage)
@@ -210,25 +237,33 @@ def test_none_of_the_hypotheses_is_an_answer() -> None:
     assert not found.fits
 
 
-def test_hypotheses_are_edits_of_one_robot() -> None:
-    grids = all_hypotheses()
-    robots = broken(WHOLE, grids)
+@pytest.mark.parametrize("fish", [AQUA, FOUR], ids=["aquafish", "four-fins"])
+def test_hypotheses_are_edits_of_one_robot(fish: Fish) -> None:
+    grids = all_hypotheses(fish.whole.plan)
+    robots = broken(fish.whole, grids)
     each = [grid.row(i).damage() for grid in grids for i in range(len(grid.numbers))]
     assert len(robots) == len(each) == len(set(each)) > 2000
     for i, damage in enumerate(each):
-        true = damage.edit(WHOLE)
+        true = damage.edit(fish.whole)
         np.testing.assert_array_equal(robots.body[i], true.body[0])
         np.testing.assert_array_equal(robots.servo_gain[i], true.servo_gain[0])
 
 
-@pytest.mark.parametrize("robot", [WHOLE, DEAF], ids=["imu", "gyroscope"])
-def test_initial_fin_angles_are_found_within_a_second(robot: Scenario) -> None:
+@pytest.mark.parametrize(
+    ("fish", "is_deaf"),
+    [(AQUA, False), (AQUA, True), (FOUR, False)],
+    ids=["imu", "gyroscope", "four-fins"],
+)
+def test_initial_fin_angles_are_found_within_a_second(fish: Fish, is_deaf: bool) -> None:
+    dropped = DEAF.sensor_dropped if is_deaf else WHOLE.sensor_dropped
+    robot = replace(fish.whole, sensor_dropped=dropped)
     waters = [robot, replace(robot, reactive=True)]
+    strokes = fish.strokes[:5]
     for reactive in (False, True):
-        world = replace(WHOLE, reactive=reactive)
-        seen = predict(world, SelfModel(world, FINS).state, STROKES[:5])[0][0]
-        found = find_fins(waters, seen, STROKES[:5])
-        error = np.arctan2(np.sin(found - FINS), np.cos(found - FINS))
+        world = replace(fish.whole, reactive=reactive)
+        seen = predict(world, SelfModel(world, fish.fins).state, strokes)[0][0]
+        found = find_fins(waters, seen, strokes)
+        error = np.arctan2(np.sin(found - fish.fins), np.cos(found - fish.fins))
         np.testing.assert_allclose(error, 0.0, atol=0.05)
 
 

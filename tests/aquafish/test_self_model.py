@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from aquafish.online import thresholds
 from aquafish.online.self_model import (
-    ERROR_SIZE,
     SelfModel,
+    error_size,
     imu_readings,
     moved,
     predict,
@@ -19,20 +19,26 @@ from aquafish.online.self_model import (
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.scenario import CHANNELS, Scenario
+from tests.plans import ODD, PLANS
 
 STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
 FINS = np.array([0.4, -1.0, 2.0])
+
+
+def strokes(plan: BodyPlan) -> np.ndarray:
+    """Return actions (40, F)."""
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (40, len(plan.fins)))
 
 
 def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return what the robot observes (K, 9) after each stroke, and its states (K, 25)."""
     lanes, rng = LaneBatch(scenario, np.float64, threads=1), np.random.default_rng(1)
     seen, states = [], []
-    for stroke in STROKES:
-        lanes.advance(scale_action(AQUAFISH, stroke)[None], 20)
+    for stroke in strokes(scenario.plan):
+        lanes.advance(scale_action(scenario.plan, stroke)[None], 20)
         states.append(lanes.states[:, 0].copy())
         seen.append(imu_readings(lanes.states)[0])
         seen[-1][6:] += noise * rng.standard_normal(3)
@@ -42,30 +48,34 @@ def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray
 def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
     """Return the squared innovations (K,)."""
     squares = []
-    for stroke, seen in zip(STROKES, observed, strict=True):
+    for stroke, seen in zip(strokes(model.robot.plan), observed, strict=True):
         model.step(stroke)
         squares.append(model.correct(seen))
     return np.array(squares)
 
 
-@given(st.lists(st.floats(-0.3, 0.3), min_size=ERROR_SIZE, max_size=ERROR_SIZE))
-def test_difference_undoes_moved(error: list[float]) -> None:
-    state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).states[:, 0]
-    found = state_errors(moved(state, np.array([error])), state)[0]
+@given(plan=st.sampled_from(PLANS), data=st.data())
+def test_difference_undoes_moved(plan: BodyPlan, data: st.DataObject) -> None:
+    size = error_size(plan)
+    error = data.draw(st.lists(st.floats(-0.3, 0.3), min_size=size, max_size=size))
+    state = layout(plan).start(np.linspace(-1.0, 2.0, len(plan.fins))[None])[:, 0]
+    found = state_errors(plan, moved(plan, state, np.array([error])), state)[0]
 
     np.testing.assert_allclose(found, error, atol=1e-12)
 
 
-def test_the_model_of_the_same_robot_follows_it_exactly() -> None:
-    scenario = Scenario.create(fin_angles=FINS)
+@pytest.mark.parametrize("plan", [AQUAFISH, FOUR_FINS, ODD], ids=lambda plan: plan.name)
+def test_the_model_of_the_same_robot_follows_it_exactly(plan: BodyPlan) -> None:
+    fins = np.linspace(-1.0, 2.0, len(plan.fins))
+    scenario = Scenario.create(fin_angles=fins, plan=plan)
     observed, states = swim(scenario)
-    model = SelfModel(scenario, FINS)
+    model = SelfModel(scenario, fins)
     squares = follow(model, observed)
     assert squares.max() < 1.0
     assert squares[-10:].max() < 1e-3
     # Where it is cannot be observed.
-    observable = np.r_[0:4, 7:22]
-    np.testing.assert_allclose(model.state[observable], states[-1][observable], atol=1e-5)
+    observable = np.r_[0:4, 7 : layout(plan).state_numbers]
+    np.testing.assert_allclose(model.state[observable], states[-1][observable], atol=5e-5)
 
 
 def test_innovations_are_chi_square_under_noise() -> None:

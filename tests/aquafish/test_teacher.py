@@ -46,7 +46,7 @@ def random_teacher(seed: int = 0) -> Teacher:
 
 def random_states(count: int) -> Floats:
     start = layout(AQUAFISH).start(np.array([[0.3, 1.0, 2.0]]))[:, 0]
-    return moved(start, np.random.default_rng(1).normal(0.0, 0.5, (count, 12)))
+    return moved(AQUAFISH, start, np.random.default_rng(1).normal(0.0, 0.5, (count, 12)))
 
 
 def elu(x: Floats) -> Floats:

@@ -70,7 +70,7 @@ ROWS = [
         options(curve="empty list"),
     ),
     Call(Teacher.load, {"path": "teacher.json"}, options(path="none"), {"path": "teacher"}),
-    Call(load_library, {"path": "library.json"}, options(path="none"), {"path": "library"}),
+    Call(load_library, {"library": "library.json"}, words={"library": "plan"}),
     Call(
         imagine,
         {"controllers": LIBRARY, "robot": ROBOT, "state": STATE, "seconds": 0.2},
@@ -80,7 +80,7 @@ ROWS = [
         SelfModel,
         {
             "robot": ROBOT, "fin_angles": np.zeros(3), "hold": 20,
-            "model_error": np.full(12, 1e-5), "start_error": np.full(12, 1e-4),
+            "model_error": np.full(4, 1e-5), "start_error": np.full(4, 1e-4),
         },
     ),
     Call(MODEL.step, {"action": np.zeros(3)}),
