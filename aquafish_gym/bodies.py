@@ -5,12 +5,20 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike, other_plans
-from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
+from aquafish_gym.plans import (
+    AQUAFISH,
+    BodyPlan,
+    PlanLike,
+    check_plan,
+    check_same_plan,
+    plan_document,
+)
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
@@ -87,36 +95,50 @@ def write_bodies(
     """
     plan = check_plan(plan)
     rows = [Morphology.from_array(row, plan).to_dict() for row in body_array(bodies, plan=plan)]
-    write_document(path, {"morphologies": rows}, BODIES_SCHEMA)
+    write_document(path, {**plan_key(plan), "morphologies": rows}, BODIES_SCHEMA)
+
+
+def body_document(body: Morphology) -> dict[str, Any]:
+    """Return what :func:`read_bodies` reads back as one body, ready for JSON."""
+    plan = plan_key(body.plan)
+    return {**plan, "morphology": body.to_dict()} if plan else body.to_dict()
+
+
+def plan_key(plan: BodyPlan) -> dict[str, Any]:
+    """Return what a file says of a plan, under the key "plan"; nothing of the paper's."""
+    return {} if plan == AQUAFISH else {"plan": plan_document(plan)}
 
 
 def read_bodies(
-    path: str | os.PathLike[str], argument: str = "file", plan: PlanLike = AQUAFISH
+    path: str | os.PathLike[str], argument: str = "file", plan: PlanLike | None = None
 ) -> tuple[Morphology, ...]:
     """Return the bodies of a JSON file: a ``bodies.json``, or a file with one body.
 
     A body is an object from fin to [x, y, z], or numbers in the order of the plan's ``dimensions``.
     The file is a body, or an object with a ``morphology``, as a ``result.json``, or with a list of
-    ``morphologies``.
+    ``morphologies``. Its ``plan`` is that of the bodies; without one they are of the argument
+    ``plan``, or of the paper's fish. Bodies of another plan than the argument are refused.
 
     Raises
     ------
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
-    plan = check_plan(plan)
+    wanted = None if plan is None else check_plan(plan)
     if isinstance(path, str | os.PathLike) and str(path).lower().endswith(_ROBOT_FILES):
         raise InvalidArgumentError(
-            f"{argument} must be a JSON file of bodies; got {path}{other_plans(plan)}"
+            f"{argument} must be a JSON file of bodies; got {path}{other_plans(wanted or AQUAFISH)}"
         )
     document = read_document(path, argument=argument)
     rows = document.get("morphologies", [document.get("morphology", document)])
     try:
+        found = check_plan(document.get("plan", wanted or AQUAFISH))
+        check_same_plan("its bodies", found, wanted or found)
         if not isinstance(rows, list) or not rows:
             raise InvalidArgumentError(
                 f"its morphologies must be a list of one body or more; got {brief(rows)}"
             )
-        return tuple(_body(row, plan) for row in rows)
+        return tuple(_body(row, found) for row in rows)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
 

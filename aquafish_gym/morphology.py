@@ -73,8 +73,13 @@ class Morphology:
         return cls(sizes, check_plan(plan))  # type: ignore[arg-type]  # checked there
 
     @classmethod
-    def coerce(cls, value: MorphologyLike, plan: PlanLike = AQUAFISH) -> Morphology:
-        """Return the body of ``None`` (nominal), S numbers, or a mapping from fins to sizes."""
+    def coerce(cls, value: MorphologyLike, plan: PlanLike | None = None) -> Morphology:
+        """Return the body of ``None`` (nominal), S numbers, or a mapping from fins to sizes.
+
+        Without a ``plan`` a ``Morphology`` keeps its own, and anything else is of the paper's fish.
+        """
+        if plan is None:
+            plan = value.plan if isinstance(value, Morphology) else AQUAFISH
         plan = check_plan(plan)
         if value is None:
             return cls.nominal(plan)

@@ -200,6 +200,11 @@ class FinPlan:
         """Whether its servo goes round, at a speed of either sign."""
         return self.drive == "turns"
 
+    @property
+    def unit(self) -> str:
+        """The unit of its command."""
+        return "rev/s" if self.turns else "Hz"
+
     @cached_property
     def frame(self) -> tuple[Point, Point, Point]:
         """The hinge frame's axes in body axes: width, length (towards the hull), and normal."""
@@ -279,9 +284,10 @@ class BodyPlan:
         for fin in self.fins:
             instance("a fin", fin, FinPlan)
             self._check_fin(fin)
-        for one, other in pairwise(sorted(fin.name for fin in self.fins)):
-            if one == other:
-                raise InvalidArgumentError(f"fins must have different names; two are {one}")
+        for what, each in (("names", self.names), ("words", [fin.word for fin in self.fins])):
+            for one, other in pairwise(sorted(each)):
+                if one == other:
+                    raise InvalidArgumentError(f"fins must have different {what}; two are {one}")
 
     def _check_fin(self, fin: FinPlan) -> None:
         gap = self.hull.distance(np.array(fin.hinge))

@@ -34,7 +34,7 @@ from aquafish_gym.damage.words import (
 )
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, PLANS, PlanLike
 from aquafish_gym.runs.version import other_clone_here, version
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.interrupts import kept_interrupts
@@ -132,6 +132,13 @@ FILMED_DAMAGE = arg(
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba"],
     arg(help="Engine of the robot; auto is PyBullet where it is installed, else numba."),
+]
+Plan = Annotated[
+    str,
+    arg(
+        metavar="PLAN",
+        help=f"Body plan of the robot: {', '.join(PLANS)}, or a JSON file of one (BodyPlan).",
+    ),
 ]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
 
@@ -419,11 +426,11 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
             raise InvalidArgumentError(f"{name} must not be empty")
 
 
-def read_morphology(path: Path | None, argument: str) -> Morphology:
-    """Return the body in a file, or the nominal body for None; see ``read_bodies``."""
+def read_morphology(path: Path | None, argument: str, plan: PlanLike | None = None) -> Morphology:
+    """Return the body in a file, or a plan's nominal body for None; see ``read_bodies``."""
     if path is None:
-        return Morphology.nominal()
-    bodies = read_bodies(path, argument)
+        return Morphology.coerce(None, plan)
+    bodies = read_bodies(path, argument, plan)
     if len(bodies) > 1:
         raise InvalidArgumentError(f"{argument}: {path} holds {len(bodies)} bodies; one is wanted")
     return bodies[0]

@@ -9,9 +9,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from tyro.conf import arg
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import (
     OptionalOut,
+    Plan,
     Threads,
     check_threads,
     read_morphology,
@@ -35,19 +37,21 @@ class Infer:
 
     The log is a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file with a row for each sample of
     the gyroscope. Its columns are time (s), gyro_x, gyro_y, gyro_z (rad/s about the body's axes: x
-    right, y forward, z up), and the commands that the servos execute then: left_pectoral,
-    right_pectoral (rev/s), caudal (Hz). With several trials a column trial has their numbers.
-    --map names the columns where they differ. docs/howto/logs.md has more.
+    right, y forward, z up), and the commands that the servos execute then, by the names of the
+    plan's fins, as left_pectoral: in rev/s, or in Hz of a fin that sweeps. With several trials a
+    column trial has their numbers. --map names the columns where they differ. docs/howto/logs.md
+    has more.
 
     It prints whether a body explains the log, each size with its 90% interval, the nuisances, open
     questions, and the damage. If no body explains the log, it tries possible mistakes: axes, signs,
-    exchanged flippers, the clock, units. --out receives result.json, morphology.json,
+    exchanged commands, the clock, units. --out receives result.json, morphology.json,
     posterior.npz, posterior.png and bodies.json, as from run.
     """
 
     example: ClassVar[str] = "--log examples/logs/swim.csv --out out/swim"
 
     log: LogFile
+    plan: Plan = "aquafish"
     out: OptionalOut = None
     columns: ColumnMap = ()
     between: Between = ()
@@ -65,12 +69,12 @@ class Infer:
 
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
-        log = read_log(self.log, column_map(self.columns), self.between or None)
+        log = read_log(self.log, column_map(self.columns), self.between or None, self.plan)
         moving = self.start == "moving"
         windows = log_windows(log, moving)
         check_groups(self.nuisances, windows)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
-        truth = None if self.truth is None else read_morphology(self.truth, "truth")
+        truth = None if self.truth is None else read_morphology(self.truth, "truth", log.plan)
         streams(self.seed)  # raises for a wrong seed
         check_threads(self.threads)
         console = plain_console()
@@ -97,6 +101,7 @@ class Infer:
         for part in (log.time, log.gyro, log.commands, log.trial):
             digest.update(part.tobytes())
         return {
+            **plan_key(log.plan),
             "log": digest.hexdigest()[:16],
             "start": self.start,
             "joint": asdict(joint),

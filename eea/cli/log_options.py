@@ -22,9 +22,9 @@ ColumnMap = Annotated[
     arg(
         name="map",
         metavar="NAME=COLUMN",
-        help="Columns with other names: time, gyro (three, joined by commas), left_pectoral, "
-        "right_pectoral, caudal or trial, then :UNIT if the file states none, then =COLUMN, "
-        "=-COLUMN or =FACTOR*COLUMN+OFFSET. A column is STREAM.NAME where a file has streams. "
+        help="Columns with other names: time, gyro (three, joined by commas), a fin's name or "
+        "trial, then :UNIT if the file states none, then =COLUMN, =-COLUMN or "
+        "=FACTOR*COLUMN+OFFSET. A column is STREAM.NAME where a file has streams. "
         "aquafish logs lists them.",
     ),
 ]

@@ -8,6 +8,8 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import Positional, arg
 
+from aquafish_gym.plans import check_plan
+from aquafish_gym.runs.command_line import Plan
 from eea.cli.progress import plain_console
 from eea.fish.swim_log import suggested_map
 from eea.logs.summary import summary
@@ -29,13 +31,15 @@ class Logs:
     file: Annotated[Positional[Path], arg(metavar="FILE")]  #: The log.
     #: Show the columns of this stream, with their units and ranges.
     stream: str | None = None
+    plan: Plan = "aquafish"
 
     def execute(self) -> None:
         """Print the summary."""
+        plan = check_plan(self.plan)
         recording = read_recording(self.file)
         console = plain_console()
         for line in summary(recording, self.stream):
             console.print(line)
         if self.stream is None:
-            for command in suggested_map(recording, self.file):
+            for command in suggested_map(recording, self.file, plan):
                 console.print(f"next: {command}")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from aquafish_gym.bodies import write_bodies
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.bodies import body_document, write_bodies
 from aquafish_gym.utils.storage import write_document
 from eea.core.result import RUN_SCHEMA, Result
-from eea.fish import save_posterior
+from eea.fish import MorphologyEstimate, save_posterior
 
 RESULT_FILE = "result.json"
 TIMES_FILE = "times.json"
@@ -20,7 +19,7 @@ MARGINALS_PICTURE = "posterior.png"
 SAMPLED_BODIES = 50  # number of bodies drawn from the posterior
 
 
-def write_outcome(folder: Path, result: Result) -> None:
+def write_outcome(folder: Path, result: MorphologyEstimate) -> None:
     """Write a result and its body, and for joint inference the posterior and bodies drawn from it.
 
     Equal runs give equal files except times.json, the seconds after which each round ended.
@@ -31,10 +30,10 @@ def write_outcome(folder: Path, result: Result) -> None:
         write_document(folder / TIMES_FILE, {"seconds": seconds})
     write_document(folder / RESULT_FILE, document, RUN_SCHEMA)
     if result.complete:
-        write_document(folder / MODEL_FILE, Morphology.from_array(result.body).to_dict())
+        write_document(folder / MODEL_FILE, body_document(result.morphology))
     if result.belief is not None:
         save_posterior(folder / POSTERIOR_FILE, result.belief)
-        write_bodies(folder / SAMPLE_FILE, result.sample(SAMPLED_BODIES, result.seed))
+        write_bodies(folder / SAMPLE_FILE, result.sample(SAMPLED_BODIES, result.seed), result.plan)
 
 
 def remove_outcome(folder: Path) -> None:

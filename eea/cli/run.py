@@ -8,12 +8,15 @@ from typing import Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.runs.command_line import (
     AnyDamage,
     Given,
     Out,
+    Plan,
     TargetEngine,
     TargetMorphology,
     Threads,
@@ -26,7 +29,7 @@ from eea.cli.progress import plain_console, progress_bar
 from eea.core.config import Condition, Config, check_read, config_for, with_settings
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
-from eea.fish import EngineTarget, RealityGap, fish_eea
+from eea.fish import EngineTarget, MorphologyEstimate, RealityGap, fish_eea
 from eea.fish.estimate import STATED_MASS, body_lines, end_lines
 
 KIND = "a run of the algorithm"
@@ -49,7 +52,7 @@ class Run(Given):
 
     example: ClassVar[str] = "--damage left_pectoral:length=0.5 --seed 1 --out out/run"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "condition", "rounds", "seed", "damage", "target_morphology",
+        "out", "condition", "rounds", "seed", "plan", "damage", "target_morphology",
         "target_engine", "threads",
     )  # fmt: skip
 
@@ -63,6 +66,7 @@ class Run(Given):
     rounds: int | None = None
     settings: Annotated[AlgorithmOptions, arg(name="")] = field(default_factory=AlgorithmOptions)
     seed: int = 0  #: Seed of everything random.
+    plan: Plan = "aquafish"
     damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "auto"
@@ -85,10 +89,11 @@ class Run(Given):
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""
         config = self.config()
+        intact = read_morphology(self.target_morphology, "target_morphology", self.plan)
         damage = Damage.parse(self.damage)
-        intact = read_morphology(self.target_morphology, "target_morphology")
         settings = {
             **config.to_dict(),
+            **plan_key(intact.plan),
             "seed": self.seed,
             "target_damage": str(damage),
             "target_morphology": intact.to_dict(),
@@ -105,10 +110,10 @@ class Run(Given):
             target, config, self.seed, target.morphology, current=self.current, threads=self.threads
         )
         with result_folder(self.out, KIND, settings):
-            _fill(self.out, session)
+            _fill(self.out, session, intact.plan)
 
 
-def _fill(folder: Path, session: Session[Any]) -> None:
+def _fill(folder: Path, session: Session[Any], plan: BodyPlan) -> None:
     """Run a session, write its result after each round, and print the report, also after Ctrl-C."""
     console = plain_console()
     remove_outcome(folder)
@@ -116,11 +121,12 @@ def _fill(folder: Path, session: Session[Any]) -> None:
         with progress_bar(console, "rounds") as bar:
             task = bar.add_task("", total=session.config.rounds)
             for record in session:
-                write_outcome(folder, session.result)
-                console.print(_round_line(record, session.result))
+                result = _estimate(session, plan)
+                write_outcome(folder, result)
+                console.print(_round_line(record, result))
                 bar.update(task, advance=1)
     finally:
-        result = session.result
+        result = _estimate(session, plan)
         write_outcome(folder, result)
         lines = body_lines(result)
         if result.rounds:
@@ -132,6 +138,11 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             lines += end_lines(result)
         for line in lines:
             console.print(line)
+
+
+def _estimate(session: Session[Any], plan: BodyPlan) -> MorphologyEstimate:
+    """Return a session's result as a body of a plan."""
+    return MorphologyEstimate(**vars(session.result), plan=plan)
 
 
 def _round_line(record: RoundRecord, result: Result) -> str:

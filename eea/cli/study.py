@@ -16,6 +16,7 @@ from aquafish_gym.runs.command_line import (
     AnyDamage,
     Given,
     Out,
+    Plan,
     TargetEngine,
     TargetMorphology,
     read_morphology,
@@ -53,8 +54,8 @@ class StudyCommand(Given):
 
     example: ClassVar[str] = "--figure 9 --replicates 5 --out out/study"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "figure", "conditions", "method", "preset", "steps", "replicates", "seed", "damage",
-        "workers", "scheduler",
+        "out", "figure", "conditions", "method", "preset", "steps", "replicates", "seed", "plan",
+        "damage", "workers", "scheduler",
     )  # fmt: skip
 
     out: Out = Path("out/study")
@@ -77,6 +78,7 @@ class StudyCommand(Given):
     #: Commands that the target performs in each replicate; 25 by default, for smoke 3.
     rounds: tuple[int, ...] | None = None
     settings: Annotated[SeveralOptions, arg(name="")] = field(default_factory=SeveralOptions)
+    plan: Plan = "aquafish"
     damage: AnyDamage = "none"
     #: The held-out damages of the list "recovery" in place of --damage: each seed has the next.
     held_out: FlagCreatePairsOff[bool] = False
@@ -110,7 +112,7 @@ class StudyCommand(Given):
             first_seed=self.seed,
             replicates=usual if self.replicates is None else self.replicates,
             world=StudyWorld(
-                read_morphology(self.target_morphology, "target_morphology"),
+                read_morphology(self.target_morphology, "target_morphology", self.plan),
                 Damage.parse(self.damage),
                 resolve_engine("target_engine", self.target_engine),
                 self.current,

@@ -17,6 +17,7 @@ from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.progress import waiting
 from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim
+from eea.fish.hypotheses import plan_of
 from eea.fish.swim_log import SwimLog
 from eea.infer.known import check_alarm
 
@@ -47,10 +48,11 @@ class Watch:
 
     def execute(self) -> None:
         """Watch the swim and print the result."""
-        log = read_log(self.log, column_map(self.columns), self.between or None)
+        belief = load_posterior(self.posterior)
+        plan = plan_of(belief.robot)
+        log = read_log(self.log, column_map(self.columns), self.between or None, plan)
         for sentence in log.remarks:
             print(sentence)
-        belief = load_posterior(self.posterior)
         check_alarm(self.alarm)
         streams(self.seed)  # raises for a wrong seed
         check_threads(self.threads)

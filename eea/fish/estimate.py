@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.damage import Damage, Fault
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from eea.core.angles import Floats
 from eea.core.checks import finite, instance
 from eea.core.result import Result
+from eea.fish.hypotheses import plan_of
 from eea.fish.simulator import fish_problem
 
 STATED_MASS = 0.9  # probability of the shown intervals
@@ -35,6 +36,7 @@ class MorphologyEstimate(Result):
 
     #: Changes tried on a log that no body explains: an ``eea.fish.log_checks.LogCheck``.
     check: Any = None
+    plan: BodyPlan = AQUAFISH
 
     @classmethod
     def of(
@@ -43,7 +45,7 @@ class MorphologyEstimate(Result):
         truth: Morphology | ArrayLike | None = None,
         check: Any = None,
         seed: int = 0,
-    ) -> MorphologyEstimate:
+    ) -> Self:
         """Return the body of a posterior of the fish, such as one inferred from logs.
 
         Parameters
@@ -58,15 +60,16 @@ class MorphologyEstimate(Result):
         Raises
         ------
         ConfigurationError, InvalidArgumentError
-            If ``answer`` is no posterior of the nine sizes, or ``truth`` is no body.
+            If ``answer`` is no posterior of a fish's sizes, or ``truth`` is no body.
         """
         from eea.infer.answer import Answer  # with scipy, which makes `import eea` slow
 
-        sizes = fish_problem().models
         instance("answer", answer, Answer)
+        plan = plan_of(answer.robot)
+        sizes = fish_problem(plan).models
         finite("answer.model", answer.model, (len(sizes),))
-        body = None if truth is None else Morphology.coerce(truth).to_array()
-        return cls(None, seed, sizes, body, belief=answer, check=check)
+        body = None if truth is None else Morphology.coerce(truth, plan).to_array()
+        return cls(None, seed, sizes, body, belief=answer, check=check, plan=plan)
 
     @property
     def morphology(self) -> Morphology:
@@ -74,16 +77,20 @@ class MorphologyEstimate(Result):
 
         So the same seed gives the same body, and the same gait, on every processor.
         """
-        return Morphology.from_array(self.body)
+        return Morphology.from_array(self.body, self.plan)
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (9,) of each size's interval, which holds the size in ``morphology``.
+        """Return the ends (S,) of each size's interval, which holds the size in ``morphology``.
 
         See ``eea.core.result.Result.interval``.
         """
         low, high = super().interval(mass)
         point = self.morphology.to_array()
         return np.minimum(low, point), np.maximum(high, point)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON; see ``eea.core.result.Result.to_dict``."""
+        return super().to_dict() | plan_key(self.plan)
 
     def __str__(self) -> str:
         return "\n".join([*body_lines(self), *end_lines(self)])
@@ -185,30 +192,26 @@ def what_broke(result: Result) -> str:
     best = result.belief.branches[0]
     robot = result.belief.robot
     clauses = []
-    faults: list[Fault] = []
     if best.hypothesis.name != robot.nominal.name:
         clauses.append(best.hypothesis.name)
     if robot.prior is not None:
         return f"compared with the body before, {' and '.join(clauses) or 'nothing is broken'}"
-    whole = Morphology.nominal().to_array()
+    plan = plan_of(robot)
+    whole = plan.nominal
     low, high = result.interval(DIFFERENCE_MASS)
     unknown = high - low > WIDEST_STATED_INTERVAL * whole
-    for fin, word in AQUAFISH.words.items():
-        own = [i for i, d in enumerate(AQUAFISH.dimensions) if d.fin == fin]
+    for fin, word in plan.words.items():
+        own = [i for i, d in enumerate(plan.dimensions) if d.fin == fin]
         if best.hypothesis.part == word and all(result.model[own] == 0.0):
             continue
         absent = f"the {word} is absent"
         if any(said.startswith(absent) for said in result.belief.findings):
-            faults.append(Fault(fin, "missing"))
+            clauses.append(f"the {word} is missing")
             continue
-        shares = [_share(i, whole, low, high, result.model) for i in own]
-        faults += [
-            Fault(fin, AQUAFISH.dimensions[i].size, share)
-            for i, share in zip(own, shares, strict=True)
-            if share is not None
-        ]
-    if faults:
-        clauses.append(Damage(tuple(faults)).said())
+        shares = {plan.dimensions[i].size: _share(i, whole, low, high, result.model) for i in own}
+        left = [f"{_percent(x)} of its {size}" for size, x in shares.items() if x is not None]
+        if left:
+            clauses.append(f"the {word} has {' and '.join(left)}")
     if unknown.all() and not clauses:
         return "the data do not tell what broke"
     known = "" if not unknown.any() else ", as far as the data tell"
@@ -218,14 +221,18 @@ def what_broke(result: Result) -> str:
 
 def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> float | None:
     """Return a size as a share of the undamaged size; None if the size may be unchanged."""
-    same = low[i] <= whole[i] <= high[i]
     if (
-        same
+        low[i] <= whole[i] <= high[i]
         or abs(found[i] / whole[i] - 1.0) < LEAST_CHANGE
         or high[i] - low[i] > WIDEST_STATED_INTERVAL * whole[i]
     ):
         return None
     return float(found[i] / whole[i])
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent: with a decimal where it would look like nothing."""
+    return f"{share:.1%}" if 0.0 < share < 0.005 else f"{share:.0%}"
 
 
 def _explained(result: Result) -> bool:

@@ -8,11 +8,10 @@ import numpy as np
 
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
-from eea.fish.hypotheses import SERVO
+from eea.fish.hypotheses import plan_of, servo_names
 from eea.fish.joint import LAG, SERVO_GAIN
 from eea.infer.answer import Answer
 from eea.infer.branch import INTERVAL_SAMPLES
@@ -27,9 +26,9 @@ class Fins(NamedTuple):
     np.True_
     """
 
-    angles: Floats  #: (3,) left and right pectoral angle and caudal phase, rad in [-pi, pi).
-    spread: Floats  #: (3,) their circular standard deviations, rad.
-    servo_gain: Floats  #: (3,) speed divided by command of each servo; 0 for a stuck servo.
+    angles: Floats  #: (F,) angles, or phases of fins that sweep, rad in [-pi, pi).
+    spread: Floats  #: (F,) their circular standard deviations, rad.
+    servo_gain: Floats  #: (F,) speed divided by command of each servo; 0 for a stuck servo.
 
 
 def fins_after(result: Result) -> Fins:
@@ -60,8 +59,9 @@ def fins_after(result: Result) -> Fins:
     best = belief.branches[0]
     theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))
     values = best.parameters.values(best.parameters.local(theta)[:, -1])
-    angles = np.stack([values[fin] for fin in AQUAFISH.names], axis=1)
-    gains = np.stack([values[SERVO_GAIN] * values[SERVO[fin]] for fin in AQUAFISH.names], axis=1)
+    servos = servo_names(plan_of(belief.robot))
+    angles = np.stack([values[fin] for fin in servos], axis=1)
+    gains = np.stack([values[SERVO_GAIN] * values[name] for name in servos.values()], axis=1)
     turning = result.config.steps * TIMESTEP - values[LAG][:, None]
     command = np.array(result.rounds[-1].command)
     waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)

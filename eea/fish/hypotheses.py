@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
-from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.damage.words import PARTS, SERVO_WORDS, needs_number
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.damage.breaking import break_part
+from aquafish_gym.damage.words import BODY_WORDS, FIN_WORDS, needs_number
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
 from aquafish_gym.scenario import Scenario
-from eea.infer.statement import Hypothesis, Number
-
-#: The switch of each fin's servo.
-SERVO = {fin: f"servo of the {word}" for fin, word in AQUAFISH.words.items()}
+from eea.infer.statement import Hypothesis, Number, RobotModel
 
 ANYWHERE = Number(0.0)  # in the range, as a change
 REACTIVE_WATER = "reactive water"
@@ -22,38 +21,50 @@ AS_COMMANDED = Hypothesis("every servo does as it is told")
 FIN_FAULTS = ("missing", "seized", "dead", "reversed", "weak")
 
 
-def fault_hypothesis(fin: str, word: str) -> Hypothesis:
+def plan_of(robot: RobotModel) -> BodyPlan:
+    """Return the body plan of a fish as joint inference knows it."""
+    return AQUAFISH if robot.plan is None else check_plan(robot.plan)
+
+
+@functools.cache
+def servo_names(plan: BodyPlan) -> dict[str, str]:
+    """Return the name of the switch of each fin's servo."""
+    return {fin: f"servo of the {word}" for fin, word in plan.words.items()}
+
+
+def fault_hypothesis(plan: BodyPlan, fin: str, word: str) -> Hypothesis:
     """Return the hypothesis that a fin is missing, or what a word says of its servo.
 
     It fixes what the fault sets: the fin's sizes, or the servo's speed. If the word takes a number,
-    that is inferred. A servo that stands still has one angle in all trials, unless the fault leaves
-    its angle to chance.
+    that is inferred. A seized servo has one angle in all trials; a dead one's is left to chance.
     """
-    subject = SERVO[fin] if word in SERVO_WORDS else AQUAFISH.words[fin]
-    name = f"the {subject} is {word}"
-    if word in SERVO_WORDS and needs_number(PARTS[fin][word]):
-        return Hypothesis(name, moves={SERVO[fin]: ANYWHERE}, part=AQUAFISH.words[fin])
-    whole = Scenario.create()
-    broken = Damage((Fault(fin, word),)).edit(whole)
-    before = whole.body[0].tolist()
-    after = broken.body[0].tolist()
-    fixed = {d.name: after[i] for i, d in enumerate(AQUAFISH.dimensions) if after[i] != before[i]}
-    speed = broken.servo_gain[0, AQUAFISH.names.index(fin)]
-    angle = broken.fin_angles[0, AQUAFISH.names.index(fin)]
-    if word in SERVO_WORDS:
-        fixed[SERVO[fin]] = float(speed)
-    stands = speed == 0.0 and np.isfinite(angle)
-    moves = {fin: Number.angle(varies=False)} if stands else {}
-    return Hypothesis(name, fixed, moves, part=AQUAFISH.words[fin])
+    servo = servo_names(plan)[fin]
+    part = plan.words[fin]
+    name = f"the {part if word in BODY_WORDS else servo} is {word}"
+    if needs_number(FIN_WORDS[word]):
+        return Hypothesis(name, moves={servo: ANYWHERE}, part=part)
+    broken = Scenario.create(plan=plan).copy()
+    break_part(plan, broken.columns(), slice(None), fin, word, np.nan)
+    if word in BODY_WORDS:
+        sizes = zip(plan.dimensions, broken.body[0].tolist(), strict=True)
+        return Hypothesis(name, {d.name: size for d, size in sizes if d.fin == fin}, part=part)
+    speed = float(broken.servo_gain[0, plan.names.index(fin)])
+    moves = {fin: Number.angle(varies=False)} if word == "seized" else {}
+    return Hypothesis(name, {servo: speed}, moves, part=part)
 
 
-#: The tail's sweep is symmetric: reversal only shifts its phase.
-HYPOTHESES: tuple[Hypothesis, ...] = (
-    *(
-        fault_hypothesis(fin, word)
-        for word in FIN_FAULTS
-        for fin in AQUAFISH.words
-        if (fin, word) != ("caudal", "reversed")
-    ),
-    Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0}),
-)
+@functools.cache
+def fault_hypotheses(plan: BodyPlan) -> tuple[Hypothesis, ...]:
+    """Return what may be broken, but the sizes of fins.
+
+    A sweep is symmetric: reversal only shifts its phase.
+    """
+    return (
+        *(
+            fault_hypothesis(plan, fin.name, word)
+            for word in FIN_FAULTS
+            for fin in plan.fins
+            if fin.turns or word != "reversed"
+        ),
+        Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0}),
+    )

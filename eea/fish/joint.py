@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.engines.api import simulate_scenario
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.core.checks import choice
-from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES, REACTIVE_WATER, SERVO
+from eea.fish.hypotheses import AS_COMMANDED, REACTIVE_WATER, fault_hypotheses, servo_names
 from eea.fish.simulator import EngineSimulator
 from eea.fish.simulator_error import (
     ASSUMED,
@@ -40,7 +41,6 @@ HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
 LOUDEST_NOISE = 0.3
 HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
 
-SIZE_NAMES = tuple(d.name for d in AQUAFISH.dimensions)
 CURRENT = tuple(f"current {axis}" for axis in "xyz")
 DRAG = tuple(f"drag of the {what}" for what in ("fins", "body"))
 SERVO_GAIN = "servo gain"
@@ -49,9 +49,6 @@ LAG = "lag"
 START_VELOCITY = tuple(f"start velocity {axis}" for axis in "xyz")
 START_SPIN = tuple(f"start spin {axis}" for axis in "xyz")
 
-#: The sizes, which are sought, and the angles at the start of each trial.
-SIZES = {d.name: Number(0.0, d.maximum) for d in AQUAFISH.dimensions}
-ANGLES = {fin: Number.angle() for fin in AQUAFISH.names}
 # The priors' widths are typical of a laboratory's robot; the ranges are beyond what is plausible.
 CURRENTS = {n: Number(-0.5, 0.5, mean=0.0, sd=0.15, group="current") for n in CURRENT}
 NUISANCES: dict[str, Number] = {
@@ -60,12 +57,6 @@ NUISANCES: dict[str, Number] = {
     **{name: Number(-0.3, 0.3, mean=0.0, sd=0.05, group="gyro_bias") for name in GYRO_BIAS},
     # A servo starts with a jerk, which lies within a sample of 0.01 s or not.
     LAG: Number(0.0, 0.2, mean=0.0, sd=0.05, valleys=20),
-    # The tail's sweep is symmetric: reversal only shifts its phase.
-    **{
-        name: Number(0.0 if fin == "caudal" else -1.0, 1.0, mean=1.0, switch=True)
-        for fin, name in SERVO.items()
-    },
-    REACTIVE_WATER: Number(0.0, 1.0, mean=0.0, switch=True),
 }
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
 # gyroscope measures the spin, apart from its noise.
@@ -95,7 +86,7 @@ def fish_signal(
 ) -> NDArray[np.floating]:
     """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.infer.statement.Simulate``.
 
-    ``inputs`` are commands (B, 3), or with the ``windows`` of a log the windows' numbers (B,). The
+    ``inputs`` are commands (B, F), or with the ``windows`` of a log the windows' numbers (B,). The
     ``material`` is by default that of the engines.
     """
     material = material or Material()
@@ -129,13 +120,14 @@ def fish_signal(
         signal = np.empty((len(reactive), *parts[0].shape[1:]), parts[0].dtype)
         signal[~reactive], signal[reactive] = parts
         return signal
+    plan = simulator.plan
     gain = values[SERVO_GAIN][:, None]
     bias = _columns(values, GYRO_BIAS)
     fields = {
-        **material.fields(_columns(values, SIZE_NAMES), _columns(values, DRAG)),
-        "servo_gain": gain * _columns(values, SERVO.values()),
+        **material.fields(plan, _columns(values, sizes(plan)), _columns(values, DRAG)),
+        "servo_gain": gain * _columns(values, servo_names(plan).values()),
         "servo_lag": values[LAG],
-        "fin_angles": _columns(values, AQUAFISH.names),
+        "fin_angles": _columns(values, plan.names),
     }
     if windows is not None and windows.begun:
         fields["velocity"] = _columns(values, START_VELOCITY)
@@ -146,7 +138,7 @@ def fish_signal(
     if windows is not None:
         commands = windows.commands(inputs, [values[name] for name in change_names(windows)])
     gyro = simulate_scenario(
-        Scenario.fill(fields, bool(reactive.any())),
+        Scenario.fill(fields, bool(reactive.any()), plan),
         commands,
         simulator.steps,
         simulator.engine,
@@ -213,13 +205,15 @@ def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Disc
     """Return the measured discrepancy between the simulator and the robot."""
     table = discrepancy_table()
     unit = TIMESTEP if windows is None else 1.0  # s, because trials of commands have no times
+    measured = simulator.plan == AQUAFISH
     calibration = Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"])))
     return Discrepancy(
         table["share"],
         table["seconds"] / unit,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
-        # The factors hold for trials from rest: they do not scale intervals from mid-swim.
-        calibration if windows is None or not windows.begun else None,
+        # The factors hold for trials from rest: they do not scale intervals from mid-swim. They
+        # were measured on the paper's fish.
+        calibration if measured and (windows is None or not windows.begun) else None,
         ASSUMED,
         partial(assumed_differences, simulator=simulator, windows=windows),
     )
@@ -234,13 +228,37 @@ def discrepancy_table() -> dict[str, Any]:
     return read_packaged("eea.fish", "discrepancy.json", DISCREPANCY_SCHEMA)
 
 
-def fish_numbers(windows: LogWindows | None = None) -> dict[str, Number]:
+def sizes(plan: BodyPlan) -> dict[str, Number]:
+    """Return the sizes of a plan's fins, which are sought."""
+    return {d.name: Number(0.0, d.maximum) for d in plan.dimensions}
+
+
+def switches(plan: BodyPlan) -> dict[str, Number]:
+    """Return the numbers that change only where something is broken or assumed otherwise."""
+    servos = servo_names(plan)
+    # A sweep is symmetric: reversal only shifts its phase.
+    return {
+        **{
+            servos[fin.name]: Number(-1.0 if fin.turns else 0.0, 1.0, mean=1.0, switch=True)
+            for fin in plan.fins
+        },
+        REACTIVE_WATER: Number(0.0, 1.0, mean=0.0, switch=True),
+    }
+
+
+def fish_numbers(plan: BodyPlan, windows: LogWindows | None = None) -> dict[str, Number]:
     """Return the fish's numbers in trials from rest, or in the windows of a log."""
-    # The share of the time between two rows after which a command changed; in each trial its own.
-    changes = {name: Number(0.0, 1.0, varies=True) for name in change_names(windows)}
-    if windows is not None and windows.begun:
-        return {**SIZES, **NUISANCES, **STARTS, **changes, **ANGLES}
-    return {**SIZES, **CURRENTS, **NUISANCES, **changes, **ANGLES}
+    begun = windows is not None and windows.begun > 0
+    return {
+        **sizes(plan),
+        **({} if begun else CURRENTS),
+        **NUISANCES,
+        **switches(plan),
+        **(STARTS if begun else {}),
+        # The share of the time between two rows after which a command changed.
+        **{name: Number(0.0, 1.0, varies=True) for name in change_names(windows)},
+        **{fin: Number.angle() for fin in plan.names},
+    }
 
 
 def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
@@ -248,7 +266,7 @@ def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
 
     It needs no simulator, so it is quick before anything is compiled.
     """
-    numbers = fish_numbers(windows).items()
+    numbers = fish_numbers(windows.plan, windows).items()
     groups = dict.fromkeys(number.group or name for name, number in numbers if number.grouped)
     for name in chosen or ():
         choice("nuisances", name, groups)
@@ -259,21 +277,23 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
 
     The inputs of a log's windows (E,) are their numbers from 0.
     """
+    plan = simulator.plan
     return Robot(
         partial(fish_signal, simulator=simulator, windows=windows),
-        fish_numbers(windows),
+        fish_numbers(plan, windows),
         {f"gyro {axis}": "rad/s" for axis in "xyz"},
-        hypotheses=HYPOTHESES,
+        hypotheses=fault_hypotheses(plan),
         parts={
             word: Part(
-                {d.name: d.size for d in AQUAFISH.dimensions if d.fin == fin},
+                {d.name: d.size for d in plan.dimensions if d.fin == fin},
                 (f"{fin}.length", f"{fin}.width"),
                 f"move the {word} faster to find out",
             )
-            for fin, word in AQUAFISH.words.items()
+            for fin, word in plan.words.items()
         },
         nominal=AS_COMMANDED,
         discrepancy=_discrepancy(simulator, windows),
         stride=MOST_STRIDE if windows is None else min(MOST_STRIDE, windows.stride),
         loudest=LOUDEST_NOISE,
+        plan=plan_key(plan).get("plan"),
     )

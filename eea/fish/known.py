@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Unpack
@@ -10,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan, check_same_plan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     callback,
@@ -24,8 +25,8 @@ from eea.core.checks import ConfigurationError, choice, real
 from eea.core.config import FitConfig
 from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
-from eea.fish.hypotheses import ANYWHERE, SERVO, fault_hypothesis
-from eea.fish.joint import CURRENT, SIZES, fish_robot
+from eea.fish.hypotheses import ANYWHERE, fault_hypothesis, plan_of, servo_names
+from eea.fish.joint import CURRENT, fish_robot, sizes
 from eea.fish.log_fit import CLOSEST_ROWS_SECONDS
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
@@ -50,20 +51,24 @@ WINDOW_SECONDS = 1.0  # s; a change shows in the first window that lies entirely
 UNCHANGED = Hypothesis("nothing has changed")
 
 
-def fin_changes(fin: str) -> list[Hypothesis]:
+def fin_changes(plan: BodyPlan, fin: str) -> list[Hypothesis]:
     """Return the possible changes of a fin, all equally probable."""
-    sizes = {d.name: ANYWHERE for d in AQUAFISH.dimensions if d.fin == fin}
-    word = AQUAFISH.words[fin]
+    moved = {d.name: ANYWHERE for d in plan.dimensions if d.fin == fin}
+    word = plan.words[fin]
+    weak = fault_hypothesis(plan, fin, "weak")
     changes = [
-        Hypothesis(f"the {word} has other sizes", moves=sizes, part=word),
-        replace(fault_hypothesis(fin, "weak"), name=f"the {SERVO[fin]} has another speed"),
-        fault_hypothesis(fin, "missing"),
+        Hypothesis(f"the {word} has other sizes", moves=moved, part=word),
+        replace(weak, name=f"the {servo_names(plan)[fin]} has another speed"),
+        fault_hypothesis(plan, fin, "missing"),
     ]
     odds = CHANGE_PROBABILITY / (1.0 - CHANGE_PROBABILITY) / len(changes)
     return [replace(change, odds=odds) for change in changes]
 
 
-CHANGES = tuple(change for fin in AQUAFISH.names for change in fin_changes(fin))
+@functools.cache
+def possible_changes(plan: BodyPlan) -> tuple[Hypothesis, ...]:
+    """Return the possible changes of all fins."""
+    return tuple(change for fin in plan.names for change in fin_changes(plan, fin))
 
 
 def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None = None) -> Answer:
@@ -92,11 +97,10 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     """
     real("noise", noise, 1e-9)
     instance("body", body, Morphology)
-    robot = fish_robot(EngineSimulator(1))
+    robot = fish_robot(EngineSimulator(1, plan=body.plan))
     for name in () if nuisances is None else sequence("nuisances", nuisances):
         choice("nuisances", name, robot.groups)
-    names = [d.name for d in AQUAFISH.dimensions]
-    known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))
+    known = Hypothesis("the body is known", dict(zip(sizes(body.plan), body.sizes, strict=True)))
     robot = replace(robot, nominal=known, hypotheses=())
     parameters = Unknowns.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
@@ -107,8 +111,8 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     return Answer((branch,), goodness, noise, 0)
 
 
-def check_belief(belief: object) -> None:
-    """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of this fish."""
+def check_belief(belief: object, plan: BodyPlan) -> None:
+    """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of a plan's fish."""
     instance("belief", belief, Answer)
     assert isinstance(belief, Answer)
     try:
@@ -117,7 +121,7 @@ def check_belief(belief: object) -> None:
         raise InvalidArgumentError(f"belief must be a posterior: {error}") from None
     robot = belief.robot
     found = [(name, robot.table[name].low, robot.table[name].high) for name in robot.sought]
-    stated = [(name, number.low, number.high) for name, number in SIZES.items()]
+    stated = [(name, number.low, number.high) for name, number in sizes(plan).items()]
     for (name, low, high), (wanted, least, most) in zip(found, stated, strict=False):
         if (name, low, high) != (wanted, least, most):
             raise InvalidArgumentError(
@@ -129,6 +133,7 @@ def check_belief(belief: object) -> None:
             f"belief must be a posterior of this fish, which has {len(stated)} sizes; it has "
             f"{len(found)}"
         )
+    check_same_plan("belief", plan_of(robot), plan)
 
 
 def _compared(
@@ -146,7 +151,7 @@ def _compared(
         the log's readings are too far apart to tell its own.
     """
     windows = log_windows(log, True, seconds)
-    check_belief(belief)
+    check_belief(belief, log.plan)
     if not windows.series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     found = windows.noise
@@ -170,8 +175,8 @@ def _known(belief: Answer, windows: LogWindows, simulator: SimulatorOptions) -> 
     There is no model discrepancy: the posterior's trials were fitted with this simulator.
     """
     robot = replace(
-        fish_robot(EngineSimulator(windows.steps, **simulator), windows),
-        hypotheses=CHANGES,
+        fish_robot(EngineSimulator(windows.steps, plan=windows.plan, **simulator), windows),
+        hypotheses=possible_changes(windows.plan),
         at_once=MOST_CHANGES,
         nominal=UNCHANGED,
         discrepancy=None,

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 
+from aquafish_gym.plans import BodyPlan, FinPlan
 from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
@@ -15,7 +17,8 @@ PACES = tuple(1.1**power for power in range(-7, 8) if power)  # 0.51 to 1.95
 DELAYS = (-0.4, -0.2, 0.05, 0.1, 0.2)  # s; the inferred lag covers 0.2 s before each delay
 DEGREE = np.pi / 180.0
 AXES = ("x", "y", "z")
-MIRRORED = ("x", "-y", "-z")  # signs of the rates of a mirrored fish
+MIRRORED = ("x", "-y", "-z")  # signs of the rates of a fish mirrored across x
+UPSIDE_DOWN = ("-x", "-y", "z")  # and across z
 LEAST_CONSTANT = 0.1  # rad/s; infer_log finds smaller constants as a bias
 
 
@@ -33,7 +36,8 @@ class LogChange:
 
     #: Axes of the log, such as "-y", that hold the rates about x, y and z.
     axes: tuple[str, str, str] = AXES
-    flippers: bool = False  #: Whether the commands of the left and right flipper are exchanged.
+    #: The words of two fins for each pair whose commands are exchanged.
+    exchanged: tuple[tuple[str, str], ...] = ()
     pace: float = 1.0  #: Divisor of the times.
     rows: int = 0  #: Rows by which the gyroscope's readings are moved to later times.
     delay: float = 0.0  #: The same delay in s.
@@ -41,6 +45,7 @@ class LogChange:
     #: Constant that is subtracted from the rates, rad/s.
     constant: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moving: bool = False  #: Whether trials begin in mid-swim although the caller says at rest.
+    same: str = ""  #: Another change that does the same to a symmetric fish, in words.
 
     @property
     def kind(self) -> str:
@@ -55,11 +60,11 @@ class LogChange:
     def words(self) -> str:
         """The change in words, to follow "with"."""
         said = [_axes_in_words(self.axes)] if self.axes != AXES else []
-        if self.flippers:
-            said.append(
-                "the commands of the left and right flipper exchanged (or the signs of the "
-                "gyroscope's y and z changed: the fish is symmetric)"
-            )
+        if self.exchanged:
+            pairs = " and ".join(map(_both, self.exchanged))
+            said.append(f"the commands of the {pairs} exchanged")
+        if self.same:
+            said[-1] += f" (or {self.same}: the fish is symmetric)"
         if self.pace != 1.0:
             said.append(f"time running {round(self.pace, 2):g} times as fast")
         if self.rows:
@@ -98,9 +103,14 @@ class LogChange:
         order = [AXES.index(axis[-1]) for axis in self.axes]
         signs = [-1.0 if axis[0] == "-" else 1.0 for axis in self.axes]
         gyro = self.factor * np.array(signs) * log.gyro[:, order] - np.array(self.constant)
-        commands = log.commands[:, [1, 0, 2]] if self.flippers else log.commands
+        words = list(log.plan.words.values())
+        places = list(range(len(words)))
+        for one, other in self.exchanged:
+            places[words.index(one)] = words.index(other)
+            places[words.index(other)] = words.index(one)
+        commands = log.commands[:, places]
         if not self.rows:
-            return SwimLog(log.time / self.pace, gyro, commands, log.trial)
+            return SwimLog(log.time / self.pace, gyro, commands, log.trial, plan=log.plan)
         read = []  # rows of the readings
         seen = []  # rows of the times at which they were taken
         for block in log.blocks:
@@ -115,16 +125,36 @@ class LogChange:
                 seen.append(rows[late : len(rows) - early])
         at = np.concatenate(seen)
         taken = np.concatenate(read)
-        return SwimLog(log.time[at] / self.pace, gyro[taken], commands[at], log.trial[at])
+        time = log.time[at] / self.pace
+        return SwimLog(time, gyro[taken], commands[at], log.trial[at], plan=log.plan)
 
 
 def possible_changes(log: SwimLog, moving: bool) -> Iterator[LogChange]:
     """Yield all changes that are tried."""
+    plan = log.plan
+    mirrored = is_mirror_image(plan, 0)
+    turns = any(fin.turns for fin in plan.fins)
+    flat = is_mirror_image(plan, 2)
     for order, signs in product(permutations(AXES), product(("", "-"), repeat=3)):
         x, y, z = (f"{sign}{axis}" for sign, axis in zip(signs, order, strict=True))
-        if (x, y, z) not in (AXES, MIRRORED):
-            yield LogChange(axes=(x, y, z))
-    yield LogChange(flippers=True)
+        axes = (x, y, z)
+        if axes == AXES or (axes == MIRRORED and mirrored):
+            continue
+        if axes == UPSIDE_DOWN and flat:
+            if turns:
+                yield LogChange(axes, same="those of the commands of all fins that turn")
+            continue
+        yield LogChange(axes)
+    pairs = [
+        (plan.fins[group[0]].word, plan.fins[group[1]].word)
+        for group in plan.groups
+        if len(group) > 1
+    ]
+    if len(pairs) > 1:
+        yield from (LogChange(exchanged=(pair,)) for pair in pairs)
+    if pairs:
+        same = "the signs of the gyroscope's y and z changed" if mirrored else ""
+        yield LogChange(exchanged=tuple(pairs), same=same)
     yield from (LogChange(pace=pace) for pace in PACES)
     step = typical_step(log)
     counts = dict.fromkeys(round(delay / step) for delay in DELAYS)
@@ -135,6 +165,28 @@ def possible_changes(log: SwimLog, moving: bool) -> Iterator[LogChange]:
             yield LogChange(constant=three(level))
     if not moving:
         yield LogChange(moving=True)
+
+
+def is_mirror_image(plan: BodyPlan, axis: int) -> bool:
+    """Return whether a plan is its own mirror image across the body's axis 0 (x) or 2 (z).
+
+    Across x fins turn the same way as their images, across z those that turn do the other way.
+    Sweeps are symmetric.
+    """
+    sign = np.ones(3)
+    sign[axis] = -1.0
+    turned = sign if axis == 2 else -sign
+    own = {_placed(fin, np.ones(3), np.ones(3)) for fin in plan.fins}
+    return own == {_placed(fin, sign, turned) for fin in plan.fins}
+
+
+def _placed(fin: FinPlan, sign: Floats, turned: Floats) -> tuple[Any, ...]:
+    """Return what a mirrored fin is, with its place and axis; + 0.0 leaves no -0.0."""
+    axis = tuple((turned * fin.axis + 0.0).tolist())
+    if not fin.turns:
+        axis = max(axis, tuple((0.0 - turned * fin.axis).tolist()))
+    ends = ((sign * end + 0.0).tolist() for end in (fin.hinge, fin.direction))
+    return (fin.drive, fin.speed, fin.sweep, fin.largest, axis, *map(tuple, ends))
 
 
 def typical_step(log: SwimLog) -> float:
@@ -154,14 +206,24 @@ def _axes_in_words(axes: tuple[str, str, str]) -> str:
     turned = [axis[-1] for axis in axes if axis[0] == "-"]
     if not moved:
         noun = "the sign" if len(turned) == 1 else "the signs"
-        words = f"{noun} of {_listed(turned)} of the gyroscope changed"
-        if turned == ["x", "y"]:  # the fish is symmetric
-            words += " (or those of both flippers' commands: the fish is symmetric)"
-        return words
+        return f"{noun} of {_listed(turned)} of the gyroscope changed"
     if not turned and len(moved) == 2:
         return f"{_listed(moved)} of the gyroscope exchanged"
     words = f"x, y and z of the gyroscope taken from the log's {_listed(axes)}"
     return f"{words}, as in ROS" if axes == ("-y", "x", "z") else words
+
+
+def _both(words: tuple[str, str]) -> str:
+    """Return two fins in words, with what both have at the end once.
+
+    Examples
+    --------
+    >>> _both(("left flipper", "right flipper")), _both(("keel", "tail"))
+    ('left and right flipper', 'keel and tail')
+    """
+    first, other = words
+    begin, _, last = first.rpartition(" ")
+    return f"{begin if begin and other.endswith(f' {last}') else first} and {other}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -73,7 +73,7 @@ class LogCheck:
     Examples
     --------
     >>> str(LogCheck(0.4, tried=())).partition(":")[0]
-    'no change of axes, flippers, clock or units helps'
+    'no change of axes, commands, clock or units helps'
     """
 
     unexplained: float  #: Residuals' rms of the unchanged log, as a share of the signal's.
@@ -100,7 +100,7 @@ class LogCheck:
                 f"with {best.change.words} the best fit leaves {best.unexplained:.0%} of the "
                 f"motion unexplained instead of {self.unexplained:.0%}; besides that: {CHECKLIST}"
             )
-        return f"no change of axes, flippers, clock or units helps: {CHECKLIST}"
+        return f"no change of axes, commands, clock or units helps: {CHECKLIST}"
 
 
 @own_errors
@@ -116,9 +116,10 @@ def check_log(
 ) -> LogCheck:
     """Try possible mistakes of a log, and return the changes with which a body explains it.
 
-    Mistakes are other axes and signs of the gyroscope, exchanged flippers, a clock that runs at
-    0.5 to 2 times the pace, a gyroscope up to 0.2 s early or 0.4 s late, degrees, a constant in the
-    gyroscope, and a start in motion. Servo faults are not tried: ``infer_log`` infers them.
+    Mistakes are other axes and signs of the gyroscope, exchanged commands of a left and a right
+    fin, a clock that runs at 0.5 to 2 times the pace, a gyroscope up to 0.2 s early or 0.4 s late,
+    degrees, a constant in the gyroscope, and a start in motion. Servo faults are not tried:
+    ``infer_log`` infers them.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def check_log(
         say("fitting the log as it is")
         unexplained = _share(seen.confirmed(LogChange()))
     changes = list(possible_changes(log, moving))
-    say(f"trying {len(changes)} changes of axes, flippers, clock and units")
+    say(f"trying {len(changes)} changes of axes, commands, clock and units")
     scanned = [t for change in changes if (t := seen.screened(change, 0))]
     scanned.sort(key=lambda t: t.unexplained)
     descended: list[TriedChange] = []
@@ -222,7 +223,9 @@ class _Log(NamedTuple):
 
     def robot(self, windows: LogWindows) -> Robot:
         """Return the fish in some windows."""
-        return fish_robot(EngineSimulator(windows.steps, **self.simulator), windows)
+        return fish_robot(
+            EngineSimulator(windows.steps, plan=windows.plan, **self.simulator), windows
+        )
 
     def screened(self, change: LogChange, iterations: int) -> TriedChange | None:
         """Return a refined change with the unexplained share of a short fit of the first seconds.
@@ -293,7 +296,8 @@ def _shortened(log: SwimLog, moving: bool) -> SwimLog:
         count = int(np.searchsorted(log.time[block], end, "right"))
         rows.append(np.arange(block.start, block.stop)[: max(count, windows * SCREENED_ROWS)])
     kept = np.concatenate(rows)
-    return SwimLog(log.time[kept], log.gyro[kept], log.commands[kept], log.trial[kept])
+    parts = (log.time[kept], log.gyro[kept], log.commands[kept], log.trial[kept])
+    return SwimLog(*parts, plan=log.plan)
 
 
 def _refined(change: LogChange, found: dict[str, float]) -> LogChange:

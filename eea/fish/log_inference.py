@@ -86,7 +86,7 @@ def infer_log(
     config = FitConfig() if joint is None else joint
     check_groups(config.nuisances, windows)
     if truth is not None:
-        Morphology.coerce(truth)  # raises for what is no body
+        Morphology.coerce(truth, log.plan)  # raises for what is no body
     finer = log_windows(log, moving, within=CLOSEST_ROWS_SECONDS)
     found: list[LogCheck] = []
 
@@ -101,7 +101,7 @@ def infer_log(
         return not found[0].fits
 
     def robot(by: LogWindows) -> Robot:
-        return fish_robot(EngineSimulator(by.steps, **simulator), by)
+        return fish_robot(EngineSimulator(by.steps, plan=by.plan, **simulator), by)
 
     doubts = doubt if check else None
     posterior = fit_log(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import BodyPlan, PlanLike
 from eea.core.algorithm import EEA
 from eea.core.checks import callback
 from eea.core.config import Config, JointConfig, checked_config
@@ -27,6 +28,7 @@ def fish_eea(
     config: Config | None = None,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
+    plan: PlanLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Session[Any]:
     """Return a session of the method of ``config.condition`` with a target and the fish.
@@ -41,14 +43,17 @@ def fish_eea(
         The replicate's seed.
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
-        (x, y, z), or nine numbers.
+        (x, y, z), or its sizes (S,).
+    plan
+        The body plan; None for that of an ``EngineTarget`` or of ``truth``, else the paper's.
     **simulator
         See ``EngineSimulator``. ``EngineSimulator`` and ``EEA`` state the errors.
     """
     config = checked_config(config)
-    engine = EngineSimulator(config.steps, **simulator)
-    problem = fish_problem()
-    body = None if truth is None else Morphology.coerce(truth).to_array()
+    plan = _plan_of(target, truth, plan)
+    engine = EngineSimulator(config.steps, plan=plan, **simulator)
+    problem = fish_problem(plan)
+    body = None if truth is None else Morphology.coerce(truth, plan).to_array()
     if isinstance(config, JointConfig):
         # scipy.stats is imported here to keep `import eea` quick.
         from eea.fish.joint import fish_robot
@@ -58,12 +63,20 @@ def fish_eea(
     return EEA(target, engine, problem, config, seed, body)
 
 
+def _plan_of(target: object, truth: object, plan: PlanLike | None) -> BodyPlan:
+    """Return a plan as given, or else that of a target or its body."""
+    if isinstance(target, EngineTarget):
+        return Morphology.coerce(target.morphology, plan).plan  # raises for another plan
+    return Morphology.coerce(truth if isinstance(truth, Morphology) else None, plan).plan
+
+
 def estimate_morphology_of(
     target: Target,
     config: Config | None = None,
     seed: int = 0,
     progress: Callable[[RoundRecord], None] | None = None,
     truth: Morphology | ArrayLike | None = None,
+    plan: PlanLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Infer the body of any target that performs commands, such as a physical robot.
@@ -77,12 +90,13 @@ def estimate_morphology_of(
         (1, steps, 3). If it executed another command, it returns ``eea.Performed(log, command)``.
     progress
         Called with each round's record.
-    config, seed, truth, **simulator
+    config, seed, truth, plan, **simulator
         See ``fish_eea``.
     """
     callback("progress", progress)
-    session = fish_eea(target, config, seed, truth, **simulator)
-    return MorphologyEstimate(**vars(session.run(progress)))
+    session = fish_eea(target, config, seed, truth, plan, **simulator)
+    result = session.run(progress)
+    return MorphologyEstimate(**vars(result), plan=_plan_of(target, truth, plan))
 
 
 @own_errors
@@ -94,6 +108,7 @@ def estimate_morphology(
     progress: Callable[[RoundRecord], None] | None = None,
     *,
     target_engine: str = "auto",
+    plan: PlanLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a simulated, damaged fish infer its own body from a few trials.
@@ -111,6 +126,8 @@ def estimate_morphology(
         The seed of everything random; see ``estimate_morphology_of``.
     target_engine
         The target's engine; "auto" is PyBullet where it is installed.
+    plan
+        The body plan; None for that of a ``Morphology``, else the paper's.
     **simulator
         See ``EngineSimulator``. The current and the substeps hold for the target too.
     """
@@ -124,5 +141,6 @@ def estimate_morphology(
         target_engine,
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
+        plan=plan,
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

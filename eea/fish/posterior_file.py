@@ -7,8 +7,9 @@ from typing import Any
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.utils.storage import DamagedFileError
-from aquafish_gym.utils.validation import instance
+from aquafish_gym.utils.validation import InvalidArgumentError, instance
 from eea.core.checks import ConfigurationError
+from eea.fish.hypotheses import plan_of
 from eea.infer.answer import Answer
 from eea.infer.file import ARRAYS, from_arrays, to_arrays
 
@@ -48,6 +49,8 @@ def load_posterior(path: str | os.PathLike[str]) -> Answer:
     if arrays["header"].size > MOST_HEADER_BYTES:  # its parts take many times its memory
         raise DamagedFileError(f"posterior: {path} must have a header of at most 4 MiB")
     try:
-        return from_arrays(arrays)
-    except ConfigurationError as error:
+        found = from_arrays(arrays)
+        plan_of(found.robot)  # raises for what is no plan
+    except (ConfigurationError, InvalidArgumentError) as error:
         raise DamagedFileError(f"posterior: {path}: {error}") from None
+    return found

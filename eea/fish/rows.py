@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
@@ -140,15 +139,15 @@ class Changes:
 
     earliest: Floats  #: (E, C)
     latest: Floats  #: (E, C)
-    jump: Floats  #: (E, C, 3), what the commands change by; 0 where a window has fewer changes.
+    jump: Floats  #: (E, C, F), what the commands change by; 0 where a window has fewer changes.
 
     @classmethod
     def of(cls, each: Sequence[Floats]) -> Changes | None:
-        """Return the changes of windows, (C, 5) each: earliest, latest and jump; None without."""
+        """Return the changes of windows, (C, 2 + F) each: earliest, latest, jump; None without."""
         count = max(map(len, each))
         if not count:
             return None
-        table = np.zeros((len(each), count, 5))
+        table = np.zeros((len(each), count, each[0].shape[1]))
         for row, one in zip(table, each, strict=True):
             row[: len(one)] = one
         return cls(table[:, :, 0], table[:, :, 1], table[:, :, 2:])
@@ -157,9 +156,9 @@ class Changes:
         return len(self.jump[0])
 
     def series(self, commands: Floats, windows: NDArray[np.intp], shares: Floats) -> Floats:
-        """Return the commands (B, K, 3) of ``windows`` (B,), with changes at other times.
+        """Return the commands (B, K, F) of ``windows`` (B,), with changes at other times.
 
-        ``commands`` (E, K, 3) have each change at its latest time. ``shares`` (B, C) are those of
+        ``commands`` (E, K, F) have each change at its latest time. ``shares`` (B, C) are those of
         the times from the earliest, 0, to the latest, 1.
         """
         found = commands[windows]
@@ -199,10 +198,10 @@ def unknown_changes(log: SwimLog, trial: int, within: float) -> NDArray[np.bool_
 def held(
     log: SwimLog, trial: int, begin: float, steps: int, at_rest: bool, within: float
 ) -> tuple[Floats, Floats]:
-    """Return the command (steps, 3) in each 0.01 s from ``begin``, in s, and unknown changes.
+    """Return the command (steps, F) in each 0.01 s from ``begin``, in s, and unknown changes.
 
     A step in which the command changes has the mean, which turns the servos equally far. A change
-    is taken at its row. Those whose times are unknown follow, (C, 5) as of :meth:`Changes.of`.
+    is taken at its row. Those whose times are unknown follow, (C, 2 + F) as of :meth:`Changes.of`.
     ``at_rest``: the trial was at rest before its first row, and began to move since the row that
     would have come before.
     """
@@ -214,7 +213,7 @@ def held(
         unknown = np.zeros(len(time), np.bool_)
     if at_rest:
         time = np.append(time[0] - first_step(log, trial), time)
-        commands = np.concatenate([np.zeros((1, 3)), commands])
+        commands = np.concatenate([np.zeros_like(commands[:1]), commands])
         unknown = np.append(False, unknown)
         unknown[1] = commands[1].any()
     edges = begin + TIMESTEP * np.arange(steps + 1)
@@ -223,7 +222,8 @@ def held(
     turned = np.zeros(commands.shape)
     turned[1:] = np.cumsum(commands[:-1] * np.diff(time)[:, None], axis=0)
     passed = np.stack([np.interp(edges, time, axis) for axis in turned.T], axis=1)
-    mean = np.clip(np.diff(passed, axis=0) / TIMESTEP, AQUAFISH.command_low, AQUAFISH.command_high)
+    mean = np.diff(passed, axis=0) / TIMESTEP
+    mean = np.clip(mean, log.plan.command_low, log.plan.command_high)
     jump = np.diff(commands, axis=0, prepend=commands[:1])
     changes = np.cumsum((jump != 0.0).any(axis=1))
     steady = changes[at[:-1]] == changes[until[1:]]

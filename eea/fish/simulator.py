@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from eea.core.checks import instance, whole
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
@@ -19,19 +19,16 @@ from eea.core.problem import Problem
 from eea.fish.swim_log import FASTEST_SPIN
 
 
-def fish_problem() -> Problem:
-    """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
-    models = model_layout((d.name, d.maximum, d.bits) for d in AQUAFISH.dimensions)
-    bounds = zip(
-        AQUAFISH.names, AQUAFISH.command_low.tolist(), AQUAFISH.command_high.tolist(), strict=True
-    )
-    return Problem(
-        models, action_layout(bounds), hidden=AQUAFISH.names, axes=3, fastest=FASTEST_SPIN
-    )
+def fish_problem(plan: PlanLike = AQUAFISH) -> Problem:
+    """Return the fish of a plan as a problem: its sizes, servos, fins, and IMU axes."""
+    plan = check_plan(plan)
+    models = model_layout((d.name, d.maximum, d.bits) for d in plan.dimensions)
+    bounds = zip(plan.names, plan.command_low.tolist(), plan.command_high.tolist(), strict=True)
+    return Problem(models, action_layout(bounds), hidden=plan.names, axes=3, fastest=FASTEST_SPIN)
 
 
 class SimulatorOptions(TypedDict, total=False):
-    """Keywords of :class:`EngineSimulator`."""
+    """Keywords of :class:`EngineSimulator`, but the plan."""
 
     engine: str
     dtype: str
@@ -63,13 +60,16 @@ class EngineSimulator(Simulator):
     current: ArrayLike = (0.0, 0.0, 0.0)
     substeps: int = 1
     threads: int | None = None
+    plan: BodyPlan = AQUAFISH  #: The candidates' body plan.
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "plan", check_plan(self.plan))
         # Simulate one motionless robot, so that a wrong setting raises here.
-        self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
+        still = np.zeros((1, len(self.plan.fins)))
+        self.simulate(Trials(np.zeros((1, len(self.plan.dimensions))), still, still))
 
     def simulate(self, trials: Trials) -> ImuLog:
-        """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
+        """Run B trials of bodies (B, S), commands (B, F) and fin angles (B, F)."""
         instance("trials", trials, Trials)
         return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
@@ -88,5 +88,5 @@ class EngineSimulator(Simulator):
         if steps < SHORTEST_SPECTRUM_STEPS:
             return None
         return SpectralComparer(
-            steps, self.dtype or "float32", self.current, self.substeps, self.threads
+            steps, self.dtype or "float32", self.current, self.substeps, self.threads, self.plan
         )

@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc
 
 from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from eea.core.angles import Floats
 from eea.core.checks import (
     ConfigurationError,
@@ -70,7 +70,6 @@ ACTIVE_BOUND_DISTANCE = 1e-9  # share of a range
 CONTRADICTED_P = 0.05  # the chance of as large a contradiction where the assumptions hold
 LEAST_INFORMATION = 1e-6  # in 1 / prior variance: a direction of less is not tested
 MATERIAL_CHANGE = 0.1  # of each, to find the difference that it makes
-_PLACES = {d.name: i for i, d in enumerate(AQUAFISH.dimensions)}
 
 
 @dataclass(frozen=True)
@@ -146,15 +145,12 @@ class Material:
     #: drag edge on it is exact for square fins, else the mean of both edges.
     friction: float = 1.0
 
-    def fields(self, bodies: Floats, drag: Floats) -> dict[str, Floats]:
-        """Return a scenario's fields of bodies (B, 9) with the factors ``drag`` (B, 2)."""
+    def fields(self, plan: BodyPlan, bodies: Floats, drag: Floats) -> dict[str, Floats]:
+        """Return a scenario's fields of bodies (B, S) with the factors ``drag`` (B, 2)."""
         bodies = bodies.copy()
-        density = np.full((len(bodies), len(AQUAFISH.names)), self.density)
+        density = np.full((len(bodies), len(plan.fins)), self.density)
         if self.friction != 1.0:
-            for i, fin in enumerate(AQUAFISH.names):
-                width, length, thickness = (
-                    _PLACES[f"{fin}.{size}"] for size in ("width", "length", "thickness")
-                )
+            for i, (width, length, thickness) in enumerate(plan.columns):
                 rub = 2.0 * (self.friction - 1.0) * SKIN_FRICTION / NORMAL_DRAG
                 was = bodies[:, thickness].copy()
                 bodies[:, thickness] += rub * 0.5 * (bodies[:, width] + bodies[:, length])

@@ -20,7 +20,7 @@ from aquafish_gym.engines.compiled.spectrum import (
     pack_spectra,
     spectral_distances,
 )
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
 from eea.core.behavior import DEGREES, Coefficients
@@ -37,6 +37,7 @@ class SpectralComparer(NamedTuple):
     current: ArrayLike
     substeps: int
     threads: int | None
+    plan: BodyPlan
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
@@ -51,6 +52,8 @@ class SpectralComparer(NamedTuple):
         return disagreements(self._spectra(trials), models) / coefficients(self.steps)
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
-        scenario = Scenario.create(trials.models, fin_angles=trials.angles, current=self.current)
+        scenario = Scenario.create(
+            trials.models, fin_angles=trials.angles, current=self.current, plan=self.plan
+        )
         lanes = LaneBatch(scenario, getattr(np, self.dtype), self.substeps, self.threads)
-        return lanes.spectra(check_commands(AQUAFISH, trials.commands), self.steps, DEGREES)
+        return lanes.spectra(check_commands(self.plan, trials.commands), self.steps, DEGREES)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, PLANS, BodyPlan, PlanLike, check_plan
 from aquafish_gym.utils.storage import DamagedFileError, write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -46,7 +46,6 @@ from eea.logs.streams import Recording
 from eea.logs.tables import read_recording
 
 GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
-LOG_COLUMNS = ("time", *GYRO_COLUMNS, *AQUAFISH.names)  # columns of the file; "trial" may follow
 TRIAL_COLUMN = "trial"
 FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned faster than 4.3
 #: s between two rows of a trial. Rows only need to outnumber the unknowns. An environment's action
@@ -54,18 +53,23 @@ FASTEST_SPIN = 10.0  # rad/s; none of 20,000 random bodies at full speed turned 
 LONGEST_GAP_SECONDS = 0.25
 FEWEST_SAMPLES = 16  # samples of a trial, 48 numbers for some 30 unknowns
 TIME_NAMES = {tick: unit for unit, tick in TICKS.items()}
-SERVO_UNITS = dict(zip(AQUAFISH.names, ("rev/s", "rev/s", "Hz"), strict=True))
-#: What a log must have. A flipper's servo turns in rev/s, and the tail's command is in Hz.
-QUANTITIES = {
-    "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
-    **{
-        servo: Quantity((servo,), {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN})
-        for servo in AQUAFISH.names
-    },
-    TRIAL_COLUMN: Quantity(
-        (TRIAL_COLUMN,), {}, optional=True, with_sensor=True, advice=": number the trials"
-    ),
-}
+
+
+def log_columns(plan: BodyPlan) -> tuple[str, ...]:
+    """Return the columns of a log's file; "trial" may follow."""
+    return ("time", *GYRO_COLUMNS, *plan.names)
+
+
+def log_quantities(plan: BodyPlan) -> dict[str, Quantity]:
+    """Return what a log must have: the rate of a servo that turns, the frequency of a sweep."""
+    speeds = {"rev/s": 1.0, "Hz": 1.0, "deg/s": 1 / 360, "rad/s": 1 / TURN}
+    return {
+        "gyro": Quantity(GYRO_COLUMNS, {"rad/s": 1.0, "deg/s": TURN / 360.0}),
+        **{servo: Quantity((servo,), speeds) for servo in plan.names},
+        TRIAL_COLUMN: Quantity(
+            (TRIAL_COLUMN,), {}, optional=True, with_sensor=True, advice=": number the trials"
+        ),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,18 +98,21 @@ class SwimLog:
 
     time: Floats  #: (T,) in s, increasing within a trial.
     gyro: Floats  #: (T, 3) in rad/s about the body's axes: x right, y forward, z up.
-    #: (T, 3): left and right flipper in rev/s, tail in Hz, as executed.
+    #: (T, F) as executed: of servos that turn in rev/s, of those that sweep in Hz.
     commands: Floats
     #: (T,) number of each row's trial, in blocks of rows; one trial if not given.
     trial: NDArray[Any] = field(default_factory=lambda: np.empty(0))
     remarks: tuple[str, ...] = ()  #: Sentences on how the rows were made of a recorder's.
+    plan: BodyPlan = AQUAFISH
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "plan", check_plan(self.plan))
+        fins = self.plan.fins
         time = _rows("time", self.time, (None,), ("time",))
         if not len(time):
             raise InvalidArgumentError("time must have at least one row; it has none")
         gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO_COLUMNS)
-        commands = _rows("commands", self.commands, (len(time), 3), AQUAFISH.names)
+        commands = _rows("commands", self.commands, (len(time), len(fins)), self.plan.names)
         unnumbered = isinstance(self.trial, np.ndarray) and not self.trial.size
         given = np.ones(len(time)) if unnumbered else self.trial
         numbers = _rows(TRIAL_COLUMN, given, (len(time),), (TRIAL_COLUMN,))
@@ -125,27 +132,33 @@ class SwimLog:
         for index, rows in enumerate(self.blocks):
             _check_time(time, rows, self.name(index))
         _refuse(np.abs(gyro) > FASTEST_SPIN, gyro, GYRO_COLUMNS, rates)
-        for name, command, low, high in zip(
-            AQUAFISH.names, commands.T, AQUAFISH.command_low, AQUAFISH.command_high, strict=True
+        for fin, command, low, high in zip(
+            fins, commands.T, self.plan.command_low, self.plan.command_high, strict=True
         ):
-            wanted = f"in [{low:g}, {high:g}] {SERVO_UNITS[name]}"
-            _refuse((command < low) | (command > high), command, (name,), wanted)
+            wanted = f"in [{low:g}, {high:g}] {fin.unit}"
+            _refuse((command < low) | (command > high), command, (fin.name,), wanted)
 
     @classmethod
     def of_trials(
-        cls, commands: Sequence[ArrayLike], logs: Sequence[Log], moving: bool = False
+        cls,
+        commands: Sequence[ArrayLike],
+        logs: Sequence[Log],
+        moving: bool = False,
+        plan: PlanLike = AQUAFISH,
     ) -> SwimLog:
         """Return the log of trials that were sampled every 0.01 s, such as simulated trials.
 
         Parameters
         ----------
         commands
-            For each trial a constant command (3,) in rev/s, rev/s and Hz, or a command for each
-            sample (T, 3), executed in the 0.01 s before the sample.
+            For each trial a constant command (F,) in rev/s or Hz, or a command for each sample
+            (T, F), executed in the 0.01 s before the sample.
         logs
             As many logs with ``gyro`` (T, 3) or (1, T, 3), rad/s.
         moving
             Whether the trials begin in mid-swim; otherwise a row at rest precedes the samples.
+        plan
+            The robot's body plan.
 
         Raises
         ------
@@ -153,6 +166,7 @@ class SwimLog:
             If commands and logs differ in number or length, or a log is not one of this fish.
         """
         flag("moving", moving)
+        plan = check_plan(plan)
         commands = sequence("commands", commands)
         logs = sequence("logs", logs)
         if not len(commands) == len(logs) > 0:
@@ -163,13 +177,13 @@ class SwimLog:
         parts: list[list[NDArray[Any]]] = []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
-            each = check_commands(AQUAFISH, command, f"commands of trial {number}")
+            each = check_commands(plan, command, f"commands of trial {number}")
             if len(each) not in (1, len(samples)):
                 raise InvalidArgumentError(
                     f"commands of trial {number} must be one, or one for each of its "
                     f"{len(samples)} samples; got {len(each)}"
                 )
-            executed = np.broadcast_to(each, samples.shape)
+            executed = np.broadcast_to(each, (len(samples), each.shape[1]))
             rows = (
                 # decimals as people write them
                 np.round(TIMESTEP * np.arange(len(samples) + 1), 9),
@@ -179,7 +193,7 @@ class SwimLog:
             )
             parts.append([part[moving:] for part in rows])
         time, gyro, executed, trial = map(np.concatenate, zip(*parts, strict=True))
-        return cls(time, gyro, executed, trial)
+        return cls(time, gyro, executed, trial, plan=plan)
 
     @cached_property
     def blocks(self) -> tuple[slice, ...]:
@@ -254,7 +268,7 @@ def new_readings(log: SwimLog, index: int) -> NDArray[np.intp]:
         last = int(np.argmax(gaps))
         raise InvalidArgumentError(
             f"row {new[last] + 2}: {', '.join(GYRO_COLUMNS)} must be new readings while "
-            f"{', '.join(AQUAFISH.names)} move; they repeat the row before for "
+            f"{', '.join(log.plan.names)} move; they repeat the row before for "
             f"{shown(gaps[last])} s: leave those rows out and make what follows another trial"
         )
     return new
@@ -278,7 +292,7 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
     instance("log", log, SwimLog)
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([*LOG_COLUMNS, TRIAL_COLUMN])
+    table.writerow([*log_columns(log.plan), TRIAL_COLUMN])
     numbers = np.column_stack([log.time, log.gyro, log.commands]).tolist()
     table.writerows([*row, trial] for row, trial in zip(numbers, log.trial.tolist(), strict=True))
     write_bytes(path, text.getvalue().encode())
@@ -288,12 +302,13 @@ def read_log(
     path: str | os.PathLike[str],
     columns: Mapping[str, str] | None = None,
     between: Sequence[float] | None = None,
+    plan: PlanLike = AQUAFISH,
 ) -> SwimLog:
     """Return the recorded swim in a CSV, Parquet, ArduPilot BIN, PX4 ULog or MCAP file.
 
-    By default the columns are time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and
-    caudal, in any order, and trial if there are several; others are ignored. See ``SwimLog`` for
-    their meaning. All formats but CSV need the extra ``logs``.
+    By default the columns are time, gyro_x, gyro_y, gyro_z and the names of the plan's fins, in any
+    order, and trial if there are several; others are ignored. See ``SwimLog`` for their meaning.
+    All formats but CSV need the extra ``logs``.
 
     Parameters
     ----------
@@ -301,12 +316,14 @@ def read_log(
         The file.
     columns
         Names of the columns, where they differ: from ``time``, ``gyro`` (three, joined by commas),
-        ``left_pectoral``, ``right_pectoral``, ``caudal`` or ``trial`` to ``STREAM.COLUMN``, with a
-        minus for the opposite sign, or to ``FACTOR*STREAM.COLUMN+OFFSET``. A key may end in a unit,
-        such as ``gyro:deg/s`` or ``time:us``. Commands of another stream are held from each of its
-        rows to the next, and averaged from a reading of the gyroscope to the next.
+        a fin's name or ``trial`` to ``STREAM.COLUMN``, with a minus for the opposite sign, or to
+        ``FACTOR*STREAM.COLUMN+OFFSET``. A key may end in a unit, such as ``gyro:deg/s`` or
+        ``time:us``. Commands of another stream are held from each of its rows to the next, and
+        averaged from a reading of the gyroscope to the next.
     between
         The part to read, s after the first reading; None for all.
+    plan
+        The robot's body plan, which the file does not say.
 
     Raises
     ------
@@ -326,6 +343,7 @@ def read_log(
     ... }
     >>> log = read_log("00000001.BIN", sub, between=(12.0, 40.0))  # doctest: +SKIP
     """
+    plan = check_plan(plan)
     names = _checked_map(columns)
     part = None
     if between is not None:
@@ -338,18 +356,18 @@ def read_log(
         part = (times[0], times[1])
     recording = read_recording(path)
     try:
-        found = align(recording, QUANTITIES, names, part, LONGEST_GAP_SECONDS)
+        found = align(recording, log_quantities(plan), names, part, LONGEST_GAP_SECONDS)
         values = found.values
         if part is not None and len(np.unique(values.get(TRIAL_COLUMN, ()))) > 1:
             raise InvalidArgumentError(
                 "between must be None where the log has several trials; leave rows out instead"
             )
-        commands = np.hstack([values[servo] for servo in AQUAFISH.names])
+        commands = np.hstack([values[servo] for servo in plan.names])
         trial = values.get(TRIAL_COLUMN, np.ones((len(found.time), 1)))[:, 0]
         remarks = (*recording.remarks, *found.remarks)
-        return SwimLog(found.time, values["gyro"], commands, trial, remarks)
+        return SwimLog(found.time, values["gyro"], commands, trial, remarks, plan)
     except UnknownNameError as error:
-        command = next(iter(suggested_map(recording, path)), None)
+        command = next(iter(suggested_map(recording, path, plan)), None)
         advice = f"by --map; aquafish logs {os.fspath(path)} lists them"
         advice = advice if command is None else f"as in {command}"
         raise DamagedFileError(f"log: {path}: {error}; name the columns {advice}") from None
@@ -369,11 +387,14 @@ def _checked_map(columns: Mapping[str, str] | None) -> dict[str, str]:
     return dict(columns)
 
 
-def suggested_map(recording: Recording, path: str | os.PathLike[str]) -> list[str]:
+def suggested_map(
+    recording: Recording, path: str | os.PathLike[str], plan: BodyPlan = AQUAFISH
+) -> list[str]:
     """Return the command that infers from a log, or nothing if no column may be a gyroscope."""
     command = f"aquafish infer --log {shlex.quote(os.fspath(path))}"
-    if all(len(found_columns(recording, name)) == 1 for name in LOG_COLUMNS):
-        return [command]
+    for known in (plan, *PLANS.values()):
+        if all(len(found_columns(recording, name)) == 1 for name in log_columns(known)):
+            return [f"{command}{_plan_option(known)}"]
     gyros = gyroscopes(recording)
     if not gyros:
         return []
@@ -384,9 +405,15 @@ def suggested_map(recording: Recording, path: str | os.PathLike[str]) -> list[st
     if clock is not None and not stream.clocks:
         unit = "" if clock[0] in stream.units else f":{TIME_NAMES[clock[1]]}"
         time = shlex.quote(f"time{unit}={clock[0]}") + " "
-    return [
-        f"{command} --map {time}{gyro} {' '.join(f'{servo}=COLUMN' for servo in AQUAFISH.names)}"
-    ]
+    servos = " ".join(f"{servo}=COLUMN" for servo in plan.names)
+    return [f"{command}{_plan_option(plan)} --map {time}{gyro} {servos}"]
+
+
+def _plan_option(plan: BodyPlan) -> str:
+    """Return the option that names a plan; nothing for the paper's."""
+    if plan == AQUAFISH:
+        return ""
+    return f" --plan {plan.name if PLANS.get(plan.name) == plan else 'FILE'}"
 
 
 def in_fish_axes(gyro: Gyroscope) -> str:

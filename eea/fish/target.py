@@ -15,7 +15,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan, PlanLike
 from aquafish_gym.scenario import GYRO_CHANNELS, TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
@@ -32,7 +32,7 @@ class EngineTarget:
     Parameters
     ----------
     morphology
-        The body before the damage: a ``Morphology``, fin -> (x, y, z), nine numbers, or None
+        The body before the damage: a ``Morphology``, fin -> (x, y, z), the sizes (S,), or None
         for the nominal one.
     damage
         A ``Damage`` without random parts, its text, a list of them, or None. Each trial is an
@@ -41,13 +41,15 @@ class EngineTarget:
         each trial at random. Every sample of the log is an observation of the sensor. The ``gap``
         adds to the damage.
     rng
-        Draws the hidden angles: the pectoral angles over the whole turn, the caudal phase over the
-        whole cycle.
+        Draws the hidden angles over the whole turn, the phases of fins that sweep over the whole
+        cycle.
     steps, engine, current, substeps
         See ``aquafish_gym.simulate``.
     gap
         Differences of the target's world from the models' world; ``current`` and ``substeps``
         describe the latter. The hidden angles are the same for all gaps.
+    plan
+        The body plan; None for that of a ``Morphology``, else the paper's.
 
     Raises
     ------
@@ -71,13 +73,15 @@ class EngineTarget:
         current: ArrayLike = (0.0, 0.0, 0.0),
         substeps: int = 1,
         gap: RealityGap = NO_GAP,
+        plan: PlanLike | None = None,
     ) -> None:
         instance("gap", gap, RealityGap)
         if rng is not None:
             instance("rng", rng, np.random.Generator)
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
+        intact = Morphology.coerce(morphology, plan)
+        self.plan: BodyPlan = intact.plan
         self.damage = Damage.coerce(damage)
-        intact = Morphology.coerce(morphology)
         #: The body with every fault of its fins, whenever they begin.
         self.morphology: Morphology = self.damage.body(intact)
         self.engine: str = resolve_engine("engine", engine)  #: The engine's name, never "auto".
@@ -85,31 +89,32 @@ class EngineTarget:
         self._gap = gap
         self._steps = steps
         self._substeps = substeps * gap.substeps
-        world = gap.edit(Scenario.create(intact, current=current))
+        world = gap.edit(Scenario.create(intact, current=current, plan=self.plan))
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
         for gain in self._scenario.servo_gain:
-            check_row("servo_gain", gain)
+            check_row("servo_gain", gain, self.plan)
         if self._scenario.has("servo_delay", "servo_hold"):
             raise InvalidArgumentError(
                 "damage of a target must not be delay or hold of a servo, whose command is the "
                 f"same throughout a trial: use RealityGap(lag=...); got {self.damage}"
             )
-        self._simulate(np.zeros(3), np.zeros(3))  # raises for wrong settings
+        none = np.zeros(len(self.plan.fins))
+        self._simulate(none, none)  # raises for wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:
                 raise InvalidArgumentError(
                     f"damage must begin within the trial, which lasts {steps * TIMESTEP:g} s; "
                     f"got {fault}"
                 )
-        #: The initial fin angles (3,) in rad of the last command. Only the condition Ideal uses
+        #: The initial fin angles (F,) in rad of the last command. Only the condition Ideal uses
         #: them; the records note them for analysis.
-        self.start_angles: Floats = np.zeros(3)
+        self.start_angles: Floats = none
         self._first_angles: Floats | None = None
 
     def perform(self, command: Floats) -> ImuLog:
-        """Hold a command (3,) from random fin angles; return the trial's log, with ``gyro``."""
-        drawn = self._rng.uniform(-np.pi, np.pi, size=3)
+        """Hold a command (F,) from random fin angles; return the trial's log, with ``gyro``."""
+        drawn = self._rng.uniform(-np.pi, np.pi, size=len(self.plan.fins))
         # The angles seed the noise, because they do not depend on other random choices.
         noise, faults = (
             np.random.default_rng(np.random.SeedSequence(drawn.view(np.uint64), spawn_key=(i,)))
@@ -126,7 +131,7 @@ class EngineTarget:
         # In double precision, also in the compiled engine: the target stands for a real robot.
         return simulate_scenario(
             replace(self._scenario, fin_angles=angles[None]),
-            check_commands(AQUAFISH, command),
+            check_commands(self.plan, command),
             self._steps,
             self.engine,
             "float64",
@@ -135,16 +140,16 @@ class EngineTarget:
         )
 
     def _initial_angles(self, drawn: Floats) -> Floats:
-        """Return the fin angles (3,) in rad at which a trial begins.
+        """Return the fin angles (F,) in rad at which a trial begins.
 
-        A fin begins at its ``drawn`` angle (3,) if its servo turns or is dead. The fin of a seized
+        A fin begins at its ``drawn`` angle (F,) if its servo turns or is dead. The fin of a seized
         servo begins at the given angle, or else at its angle of the first trial.
         """
         if self._first_angles is None:
             self._first_angles = drawn
         first = self._first_angles
-        fields = {"body": np.zeros((1, 9)), "fin_angles": first[None]}
-        broken = self.damage.edit(Scenario.fill(fields))
+        fields = {"body": np.zeros((1, len(self.plan.dimensions))), "fin_angles": first[None]}
+        broken = self.damage.edit(Scenario.fill(fields, plan=self.plan))
         found = broken.fin_angles[0]  # NaN without power
         seized = (broken.servo_gain[0] == 0.0) & ~np.isnan(found)
         return np.where(seized, np.where(found == first, first, wrap(found)), drawn)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
 from eea.core.angles import Floats
 from eea.fish.rows import (
@@ -57,7 +58,7 @@ class LogWindows:
     """
 
     steps: int
-    series: Floats  #: (E, K, 3) commands.
+    series: Floats  #: (E, K, F) commands.
     spin: Floats  #: (E, 3) the gyroscope's reading just before, rad/s.
     gyro: Floats  #: (E, T, 3) the readings, rad/s.
     interval: int  #: Number of samples for which each command is held.
@@ -70,6 +71,7 @@ class LogWindows:
     stride: int  #: Early stages of a search compare every n-th reading, about 5 a second.
     ends: Floats  #: (E,) end of each window, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: Sentences on the unused parts of the log.
+    plan: BodyPlan
     changes: Changes | None = None  #: Changes of command at unknown times; ``series`` has the last.
 
     @cached_property
@@ -129,7 +131,7 @@ class LogWindows:
         return int(np.sum(there if window is None else there[window]))
 
     def commands(self, windows: NDArray[np.intp], shares: Sequence[Floats]) -> Floats:
-        """Return the commands (B, K, 3) of ``windows`` (B,).
+        """Return the commands (B, K, F) of ``windows`` (B,).
 
         ``shares`` (B,) of each unknown change say when it is: 0 at the row before, 1 at its own.
         """
@@ -271,6 +273,7 @@ def log_windows(
         stride=max(1, int(LONGEST_READING_SECONDS / slowest + 1e-6)),
         ends=earlier[trial] + used,
         remarks=tuple(remarks),
+        plan=log.plan,
         changes=changes,
     )
 

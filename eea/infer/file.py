@@ -154,6 +154,8 @@ def to_arrays(posterior: Answer) -> dict[str, NDArray[Any]]:
         theta[i, own] = mode.theta
         gradient[i, own] = mode.gradient
         information[i, own, own] = mode.information
+    if robot.plan is not None:
+        header["plan"] = robot.plan
     if posterior.caveats:
         header["caveats"] = posterior.caveats
     return {
@@ -197,6 +199,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Answ
         parts={name: Part(**part) for name, part in header["parts"].items()},
         nominal=_hypothesis(header["nominal"]),
         prior=header["prior"] and Prior(**header["prior"]),
+        plan=header.get("plan"),
     )
     noise = header["noise"]
     if noise is not None:

@@ -45,6 +45,8 @@ class Robot(RobotModel):
         Early stages of a search compare every n-th sample, at most.
     loudest
         Noise of unknown size is none if it is louder, in the channels' unit.
+    plan
+        What a posterior's file says of the robot's body, ready for JSON.
 
     Raises
     ------

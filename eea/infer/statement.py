@@ -446,6 +446,7 @@ class RobotModel:
     discrepancy: Discrepancy | None = None
     stride: int = MOST_STRIDE
     loudest: float = math.inf
+    plan: str | Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         if not callable(self.simulate):
@@ -471,6 +472,8 @@ class RobotModel:
             for name in ("slow_p", "doubts"):
                 callback(f"{name} of discrepancy", getattr(self.discrepancy, name, 0))
         real_or_infinite("loudest", self.loudest, 0.0)
+        if self.plan is not None and not isinstance(self.plan, str):
+            mapping("plan", self.plan, object)
         whole("stride", self.stride, 1, 1000)
         whole("at_once", self.at_once, 1, MOST_AT_ONCE)
         for name in (*self.numbers, *self.channels):

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans.plan import SIZES
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.angles import Floats
 from eea.study.arms import Arm, angle_label, spoken
@@ -25,7 +25,7 @@ from eea.study.drawing import (
     legend_below,
     round_axis,
 )
-from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
+from eea.study.results import StudyResults, angle_columns, dimension_columns
 from eea.study.statistics import curve_interval
 
 _ROUND = "round (experiments on the target)"
@@ -116,12 +116,13 @@ def conditions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
 
 def dimensions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
     """Return the error of each dimension against round, one line an arm, a row of panels a fin."""
-    figure = new_figure(7.0, 0.9 + 1.75 * len(AQUAFISH.names))
-    panels = figure.subplots(len(AQUAFISH.names), 3, sharex=True, sharey=True)
-    sizes = [name.partition(".")[2] for name in LAYOUT.names[:3]]
-    for name, column in zip(LAYOUT.names, DIMENSION_ERRORS, strict=True):
+    plan = results.body_plan
+    figure = new_figure(7.0, 0.9 + 1.75 * len(plan.fins))
+    panels = figure.subplots(len(plan.fins), len(SIZES), sharex=True, sharey=True, squeeze=False)
+    sizes = plan.fins[0].order
+    for name, column in dimension_columns(plan).items():
         fin, _, size = name.partition(".")
-        axes = panels[AQUAFISH.names.index(fin), sizes.index(size)]
+        axes = panels[plan.names.index(fin), sizes.index(size)]
         _draw_arms(axes, results, column)
         for (guess, errors), width in zip(
             summary["guess_errors"].items(), (1.0, 1.2, 0.8), strict=True
@@ -140,9 +141,10 @@ def dimensions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
 
 def angles_figure(results: StudyResults) -> Figure:
     """Return the error of the inferred angles against round, a panel a fin, one line an arm."""
-    figure = new_figure(7.0, 3.2)
-    panels = figure.subplots(1, len(AQUAFISH.names), sharey=True)
-    for axes, fin, column in zip(panels, AQUAFISH.names, ANGLE_ERRORS, strict=True):
+    columns = angle_columns(results.body_plan)
+    figure = new_figure(max(7.0, 2.0 * len(columns)), 3.2)
+    panels = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
+    for axes, (fin, column) in zip(panels, columns.items(), strict=True):
         _draw_arms(axes, results, column, angles=True)
         axes.axhline(90.0, color=GREY, ls="--", lw=1, label="a guess")
         axes.set_title(spoken(fin), fontsize="medium")

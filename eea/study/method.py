@@ -1,10 +1,10 @@
 """A method of one's own as an arm of a study: a function from a target to a body each round.
 
 The function takes ``(target, rounds, seed, settings)``. ``target.perform(command)`` is a trial:
-three speeds of the servos (rev/s, rev/s, Hz) in, the gyroscope's log (steps, 3) in rad/s out, from
-hidden fin angles. The function yields, or returns, a body for each round: nine sizes in units of
-5 cm, as ``aquafish_gym.Morphology.to_array`` orders them. It may perform one command a round. The
-truth is not handed over.
+speeds of the F servos (rev/s or Hz) in, the gyroscope's log (steps, 3) in rad/s out, from hidden
+fin angles. The function yields, or returns, a body for each round: the S sizes in units of 5 cm, as
+``aquafish_gym.Morphology.to_array`` orders them. It may perform one command a round. The truth is
+not handed over. ``settings.plan`` is the body plan.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.runs.code import code_hash
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, TargetError, choice, finite, whole_field
@@ -109,7 +110,7 @@ class MethodTarget:
         self._commands: list[Floats] = []
 
     def perform(self, command: ArrayLike) -> Floats:
-        """Hold a command (3,) from hidden fin angles; return the gyroscope's log (steps, 3), rad/s.
+        """Hold a command (F,) from hidden fin angles; return the gyroscope's log (steps, 3), rad/s.
 
         Raises
         ------
@@ -124,7 +125,7 @@ class MethodTarget:
                 f"{len(self._commands)} and asked for another before the body of round "
                 f"{self._allowed}"
             )
-        held = finite("command", command, (len(fish_problem().actions),))
+        held = finite("command", command, (len(self._target.plan.fins),))
         log = self._target.perform(held)
         self._commands.append(held)
         return np.array(log.gyro, dtype=np.float64).reshape(-1, 3)
@@ -136,18 +137,19 @@ class MethodSettings:
 
     steps: int  #: Samples of a trial, 0.01 s each.
     current: tuple[float, float, float]  #: Velocity of the water, units/s.
+    plan: BodyPlan = AQUAFISH  #: The robot's body plan.
     _simulated: list[int] = field(default_factory=lambda: [0], repr=False)
 
     def simulate(self, bodies: ArrayLike, commands: ArrayLike, angles: ArrayLike) -> Floats:
         """Return the gyroscope's logs (B, steps, 3), rad/s, of simulated trials.
 
-        ``bodies`` (B, 9) are in units of 5 cm, ``commands`` (B, 3) in rev/s, rev/s and Hz,
-        ``angles`` (B, 3) of the fins at the start in rad. The trials are counted in results.csv.
+        ``bodies`` (B, S) are in units of 5 cm, ``commands`` (B, F) in rev/s or Hz, ``angles``
+        (B, F) of the fins at the start in rad. The trials are counted in results.csv.
         """
-        problem = fish_problem()
+        problem = fish_problem(self.plan)
         rows = finite("bodies", bodies, (None, len(problem.models)))
         self._simulated[0] += len(rows)
-        simulator = EngineSimulator(self.steps, current=self.current, threads=1)
+        simulator = EngineSimulator(self.steps, current=self.current, threads=1, plan=self.plan)
         held = finite("commands", commands, (len(rows), len(problem.actions)))
         begun = finite("angles", angles, (len(rows), len(problem.hidden)))
         return np.asarray(simulator.simulate(Trials(rows, held, begun)).gyro, dtype=np.float64)
@@ -171,7 +173,7 @@ def method_rounds(
             f"method {config.function} has another code here (hash {code_hash(function)}) than "
             f"where the study was begun ({config.code})"
         )
-    layout = fish_problem().models
+    layout = fish_problem(target.plan).models
     truth = target.morphology.to_array()
     records: list[dict[str, Any]] = []
     for number, body, command, angles in _bodies(function, config, target, seed, settings):

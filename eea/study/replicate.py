@@ -10,6 +10,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import check_row
+from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.core.session import Session, streams
@@ -61,6 +62,14 @@ class StudyWorld:
             raise ConfigurationError(
                 f"damage must be none with held_out, which has its own; got {self.damage}"
             )
+
+        for text in held_out(HELD_OUT) if self.held_out else ():
+            try:
+                Damage.parse(text).body(self.morphology)
+            except UnknownNameError as error:
+                raise ConfigurationError(
+                    f"held_out has damages of another plan's fins: {error}"
+                ) from None
 
     def damage_of(self, seed: int) -> Damage:
         """Return the damage of the target of a seed."""
@@ -150,7 +159,7 @@ def replicate(job: Replicate) -> dict[str, Any]:
     Raises as ``Replicate.session`` and ``method_rounds``.
     """
     if isinstance(job.config, MethodConfig):
-        settings = MethodSettings(job.config.steps, job.world.current)
+        settings = MethodSettings(job.config.steps, job.world.current, job.world.morphology.plan)
         rounds = method_rounds(job.config, job.target(), job.seed, settings)
         return {**job.key._asdict(), "stopped": "rounds", "rounds": rounds}
     session = job.session()

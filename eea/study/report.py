@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
@@ -52,6 +51,7 @@ def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequenc
     """Return the whole text; ``figures`` are paths of pictures beside it."""
     rounds = summary["rounds"]
     guesses = summary["guesses"]
+    sizes = _counted(len(results.layout))
     missing = ""
     if summary["finished"] < summary["planned"]:
         missing = (
@@ -61,7 +61,7 @@ def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequenc
     blocks = [
         "# Study",
         f"{summary['target']} A replicate has {rounds} rounds. All settings are in `study.json`.",
-        f"OBJ_FIT is one less the mean error of the nine dimensions (Eq. 4), after {rounds} "
+        f"OBJ_FIT is one less the mean error of the {sizes} dimensions (Eq. 4), after {rounds} "
         f"rounds. On this target a random body scores {guesses['random bodies']:.3f} on average, "
         f"the body in the middle of all ranges {guesses['mid-range body']:.3f}, and the nearest "
         "body that the genome can express (the quantisation limit) "
@@ -162,6 +162,7 @@ def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
             rows.append(row)
     if not rows:
         return []
+    fins = results.body_plan.names
     text = (
         "The distance, in degrees, of the true angle of the last trial from the middle of the "
         "range inferred for it, mean over replicates and durations. A guess is 90 off."
@@ -169,7 +170,7 @@ def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
     return [
         "## The inferred angles",
         text,
-        markdown_table([["condition", *map(spoken, AQUAFISH.names)], *rows]),
+        markdown_table([["condition", *map(spoken, fins)], *rows]),
     ]
 
 
@@ -178,6 +179,12 @@ def _signed_mean(summary: Mapping[str, Any]) -> str:
     if summary["interval"] is not None:
         text += " [" + ", ".join(signed(end) for end in summary["interval"]) + "]"
     return text
+
+
+def _counted(number: int) -> str:
+    """Return a number in prose: as a word up to nine."""
+    words = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+    return words[number] if number < len(words) else str(number)
 
 
 def _interval(ends: Sequence[float] | None, digits: int = 3) -> str:

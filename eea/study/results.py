@@ -18,41 +18,53 @@ import pandas as pd
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.utils.storage import DamagedFileError, read_bytes
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
-from eea.core.genome import BitLayout, model_layout
-from eea.fish import RealityGap
+from eea.core.genome import BitLayout
+from eea.fish import RealityGap, fish_problem
 from eea.study.arms import Arm, spoken, study_arms
 from eea.study.replicate import RUNS_FOLDER, ReplicateKey
 from eea.study.study import read_description, replicate_keys, targets_of
 
 RESULTS_FILE = "results.csv"
 MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv, two million rounds
-LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in AQUAFISH.dimensions)
 
 REPLICATE_KEYS = ["arm", "steps", "seed"]
-ANGLE_ERRORS = [f"angle_error.{fin}" for fin in AQUAFISH.names]  # rad
-DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
 _NUMBERS = ("round", "objective_fitness", "model_fitness", "action_fitness", "trials")
-_LISTS = {"angle_error": len(AQUAFISH.names), "dimension_error": len(LAYOUT), "spread": len(LAYOUT)}
-RESULT_COLUMNS = [
-    *REPLICATE_KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
-    *ANGLE_ERRORS, *DIMENSION_ERRORS,
-    *(f"spread.{name}" for name in LAYOUT.names),  # the population's SDs, shares of the ranges
-]  # fmt: skip
-# Columns that a method of one's own leaves empty.
-NOT_A_METHODS = ["mod_fit", *ANGLE_ERRORS, *RESULT_COLUMNS[-len(LAYOUT) :]]
+
+
+def angle_columns(plan: BodyPlan) -> dict[str, str]:
+    """Return the column of the error of each fin's angle, rad."""
+    return {fin: f"angle_error.{fin}" for fin in plan.names}
+
+
+def dimension_columns(plan: BodyPlan) -> dict[str, str]:
+    """Return the column of the error of each dimension, a share of its range."""
+    return {d.name: f"dimension_error.{d.name}" for d in plan.dimensions}
+
+
+def spread_columns(plan: BodyPlan) -> list[str]:
+    """Return the columns of the population's SDs, shares of the ranges."""
+    return [f"spread.{d.name}" for d in plan.dimensions]
+
+
+def result_columns(plan: BodyPlan) -> list[str]:
+    """Return the columns of ``results.csv``."""
+    return [
+        *REPLICATE_KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
+        *angle_columns(plan).values(), *dimension_columns(plan).values(), *spread_columns(plan),
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class StudyResults:
     """The finished replicates of a study, and the plan of the study."""
 
-    #: A row for each round of each finished replicate, with ``RESULT_COLUMNS``; arms in the paper's
+    #: A row for each round of each finished replicate, with ``result_columns``; arms in the paper's
     #: order, then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit``
     #: is NaN in the first round, whose action is random.
     table: pd.DataFrame
@@ -60,12 +72,18 @@ class StudyResults:
     planned: int  #: Number of replicates in the plan of study.json.
     truths: Floats  #: The dimensions of the targets, shape (D, n), one of them a replicate.
     target: str  #: Description of the target.
+    body_plan: BodyPlan  #: Of the targets.
     plan: dict[str, Arm]  #: Every arm by name, in the order of the table.
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
         """A row for each finished replicate, (arm, steps, seed): its last round."""
         return self.table.groupby(REPLICATE_KEYS, sort=False).tail(1).set_index(REPLICATE_KEYS)
+
+    @property
+    def layout(self) -> BitLayout:
+        """The dimensions and their ranges."""
+        return fish_problem(self.body_plan).models
 
     @property
     def labels(self) -> dict[str, str]:
@@ -127,12 +145,13 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     keys = replicate_keys(study)
     body, damages = targets_of(study)
     return StudyResults(
-        table=_table(path, keys, plan),
+        table=_table(path, keys, plan, body.plan),
         rounds=study["rounds"],
         planned=len(keys),
         truths=np.array([damage.body(body).to_array() for damage in damages]),
         target=_in_words(body, damages, RealityGap(**study.get("gap", {}))),
         plan=plan,
+        body_plan=body.plan,
     )
 
 
@@ -140,10 +159,12 @@ def _in_words(body: Morphology, damages: Sequence[Damage], gap: RealityGap) -> s
     """Return a sentence about the target."""
     changed = [
         f"{spoken(dimension.name)} {size:g}"
-        for dimension, size in zip(AQUAFISH.dimensions, body.to_array().tolist(), strict=True)
+        for dimension, size in zip(body.plan.dimensions, body.sizes, strict=True)
         if size != dimension.nominal
     ]
     text = "The target has the nominal body"
+    if body.plan != AQUAFISH:
+        text += f" of the plan {body.plan.name}"
     if changed:
         text += f" with {', '.join(changed)} (in units of 5 cm)"
     if len(damages) > 1:
@@ -155,31 +176,33 @@ def _in_words(body: Morphology, damages: Sequence[Damage], gap: RealityGap) -> s
     return f"{text}."
 
 
-def _table(folder: Path, keys: Sequence[ReplicateKey], plan: Mapping[str, Arm]) -> pd.DataFrame:
+def _table(
+    folder: Path, keys: Sequence[ReplicateKey], plan: Mapping[str, Arm], body_plan: BodyPlan
+) -> pd.DataFrame:
     """Return the table of ``StudyResults``; raises as ``read_study``."""
     source = folder / RESULTS_FILE
+    columns = result_columns(body_plan)
+    empty = ["mod_fit", *angle_columns(body_plan).values(), *spread_columns(body_plan)]
     if source.exists() and not (folder / RUNS_FOLDER).exists():
         content = read_bytes(source, "results", MAXIMUM_RESULTS_BYTES).decode(errors="replace")
     else:
         order = list(plan)
         ordered = sorted(keys, key=lambda k: (order.index(k.arm), k.steps, k.seed))
-        rows = [row for key in ordered for row in _rows(folder, key)]
+        rows = [row for key in ordered for row in _rows(folder, key, body_plan)]
         if not rows:
             raise ConfigurationError(
                 f"the study in {folder} has no finished replicate yet; the command that began it "
                 "resumes it"
             )
         # A report uses no more digits than results.csv has.
-        content = pd.DataFrame(rows, columns=RESULT_COLUMNS).to_csv(
-            index=False, float_format="%.5g"
-        )
+        content = pd.DataFrame(rows, columns=columns).to_csv(index=False, float_format="%.5g")
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
-        numbers = table[RESULT_COLUMNS[1:]].drop(columns="act_fit").astype(np.float64)
+        numbers = table[columns[1:]].drop(columns="act_fit").astype(np.float64)
         own = [name for name, arm in plan.items() if arm.is_method]
-        numbers.loc[table["arm"].isin(own), NOT_A_METHODS] = 0.0  # empty
+        numbers.loc[table["arm"].isin(own), empty] = 0.0
         finite = np.isfinite(numbers.to_numpy())
-        sound = list(table.columns) == RESULT_COLUMNS and bool(finite.all())
+        sound = list(table.columns) == columns and bool(finite.all())
     except (ValueError, KeyError):  # pandas' own errors are ValueErrors
         sound = False
     if not sound or table.empty:
@@ -187,17 +210,15 @@ def _table(folder: Path, keys: Sequence[ReplicateKey], plan: Mapping[str, Arm]) 
     return table
 
 
-def _rows(folder: Path, key: ReplicateKey) -> list[list[Any]]:
+def _rows(folder: Path, key: ReplicateKey, plan: BodyPlan) -> list[list[Any]]:
     """Return a row of the table for each round of a replicate, none if it is not finished."""
+    sizes = len(plan.dimensions)
+    lists = {"angle_error": len(plan.fins), "dimension_error": sizes, "spread": sizes}
     return [
         [
             *key,
             *(record[name] for name in _NUMBERS),
-            *(
-                number
-                for name, width in _LISTS.items()
-                for number in record[name] or width * [None]
-            ),
+            *(number for name, width in lists.items() for number in record[name] or width * [None]),
         ]
         for record in (read_result(folder, key) or {"rounds": []})["rounds"]
     ]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
@@ -100,6 +101,7 @@ class Study:
         held_out = world.pop("held_out")
         seeds = {"first": self.first_seed, "count": self.replicates}
         return {
+            **plan_key(self.world.morphology.plan),
             "target_morphology": world.pop("morphology").to_dict(),
             "target_damage": world.pop("damage").to_list(),
             **world,
@@ -132,7 +134,7 @@ def replicate_keys(document: Mapping[str, Any]) -> list[ReplicateKey]:
 
 def targets_of(document: Mapping[str, Any]) -> tuple[Morphology, list[Damage]]:
     """Return the body of a study.json's target before the damage, and the seeds' damages."""
-    morphology = Morphology.coerce(document["target_morphology"])
+    morphology = Morphology.coerce(document["target_morphology"], document.get("plan"))
     damage = Damage.coerce(document["target_damage"])
     world = StudyWorld(morphology, damage, held_out="held_out" in document)
     seeds = sorted({key.seed for key in replicate_keys(document)})

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.plans import AQUAFISH
 from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
+from eea.core.genome import BitLayout
 from eea.study.arms import comparisons
-from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
+from eea.study.results import StudyResults, angle_columns, dimension_columns
 from eea.study.statistics import paired_difference, summary_statistics
 
 SUMMARY_SCHEMA = "eea.summary/4"
@@ -19,7 +19,7 @@ SUMMARY_SCHEMA = "eea.summary/4"
 
 def summarize_study(results: StudyResults) -> dict[str, Any]:
     """Return every number of the report, ready for JSON."""
-    guesses = guess_errors(results.truths)
+    guesses = guess_errors(results.truths, results.layout)
     pairs = comparisons([results.plan[arm] for arm in results.arms])
     return {
         "schema": SUMMARY_SCHEMA,
@@ -29,26 +29,29 @@ def summarize_study(results: StudyResults) -> dict[str, Any]:
         "planned": results.planned,
         "finished": len(results.replicates),
         "guesses": {name: float(1.0 - errors.mean()) for name, errors in guesses.items()},
-        "guess_errors": {name: _by_dimension(errors) for name, errors in guesses.items()},
+        "guess_errors": {
+            name: dict(zip(results.layout.names, errors.tolist(), strict=True))
+            for name, errors in guesses.items()
+        },
         "fitness": [row for arm in results.arms for row in _fitness(results, arm)],
         "paired": [row for pair in pairs for row in _paired(results, *pair)],
         "dimension_error": {arm: _dimensions(results, arm, guesses) for arm in results.arms},
         "angle_error": {
             arm: {}
             if results.plan[arm].is_method
-            else _summaries(results, arm, dict(zip(AQUAFISH.names, ANGLE_ERRORS, strict=True)))
+            else _summaries(results, arm, angle_columns(results.body_plan))
             for arm in results.arms
         },
     }
 
 
-def guess_errors(truths: Floats) -> dict[str, Floats]:
+def guess_errors(truths: Floats, layout: BitLayout) -> dict[str, Floats]:
     """Return the mean errors (n,) of three guesses at bodies (D, n), as shares of the ranges."""
-    middle = 0.5 * (LAYOUT.low + LAYOUT.high)
+    middle = 0.5 * (layout.low + layout.high)
     errors = {
-        "random bodies": [chance_errors(truth, LAYOUT) for truth in truths],
-        "mid-range body": [dimension_errors(middle, truth, LAYOUT) for truth in truths],
-        "quantisation limit": [quantisation_errors(truth, LAYOUT) for truth in truths],
+        "random bodies": [chance_errors(truth, layout) for truth in truths],
+        "mid-range body": [dimension_errors(middle, truth, layout) for truth in truths],
+        "quantisation limit": [quantisation_errors(truth, layout) for truth in truths],
     }
     return {name: np.mean(each, axis=0) for name, each in errors.items()}
 
@@ -109,12 +112,9 @@ def _dimensions(
     results: StudyResults, arm: str, guesses: Mapping[str, Floats]
 ) -> dict[str, dict[str, Any]]:
     """Return the final error of each dimension, as a share of its range, beside guesses."""
-    found = _summaries(results, arm, dict(zip(LAYOUT.names, DIMENSION_ERRORS, strict=True)))
-    best = dict(
-        zip(
-            LAYOUT.names, map(min, guesses["random bodies"], guesses["mid-range body"]), strict=True
-        )
-    )
+    found = _summaries(results, arm, dimension_columns(results.body_plan))
+    errors = map(min, guesses["random bodies"], guesses["mid-range body"])
+    best = dict(zip(results.layout.names, errors, strict=True))
     for name, row in found.items():
         row["better_than_guessing"] = row["interval"] and bool(row["interval"][1] < best[name])
     return found
@@ -126,7 +126,3 @@ def _summaries(
     """Return summaries of columns of the last round; none without a seed in all durations."""
     last = results.last_rounds(arm)
     return {name: summary_statistics(last[column]) for name, column in columns.items() if len(last)}
-
-
-def _by_dimension(values: Floats) -> dict[str, float]:
-    return dict(zip(LAYOUT.names, values.tolist(), strict=True))

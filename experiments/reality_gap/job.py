@@ -17,7 +17,7 @@ from eea.core.angles import Floats
 from eea.core.config import Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.hypotheses import AS_COMMANDED, HYPOTHESES
+from eea.fish.hypotheses import AS_COMMANDED, fault_hypotheses
 from eea.infer.answer import Answer
 from eea.study.presets import smoke
 from experiments.reality_gap.worlds import WORLDS, gap_of, seized_of
@@ -187,7 +187,7 @@ def _true_hypotheses(job: GapJob) -> list[str]:
     missing = [f"{fin}.length" for fin in AQUAFISH.names if not any(getattr(job.body, fin))]
     true = [
         hypothesis.name
-        for hypothesis in HYPOTHESES
+        for hypothesis in fault_hypotheses(AQUAFISH)
         if any(hypothesis.fixed.get(name) == sizes[name] for name in missing)
         or any(fault.part in hypothesis.moves for fault in job.seized.faults)
         or (job.gap.reactive and "reactive water" in hypothesis.fixed)

@@ -20,7 +20,7 @@ from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from eea import SwimLog, infer_changes, infer_log, known_body
 from eea.core.config import FitConfig
-from eea.fish.hypotheses import SERVO
+from eea.fish.hypotheses import servo_names
 from eea.infer.answer import Answer
 from gait.controllers.agents import ControllerAgent
 from gait.swims.episode import transitions
@@ -107,8 +107,8 @@ def _inferred(log: SwimLog, truth: Scenario, noise: float, known: bool) -> dict[
     seconds = time.process_time() - began
     best, table = belief.branches[0].hypothesis, belief.table()
     gains = [
-        table[SERVO[fin]][0] if SERVO[fin] in table else best.fixed.get(SERVO[fin], 1.0)
-        for fin in AQUAFISH.names
+        table[servo][0] if servo in table else best.fixed.get(servo, 1.0)
+        for servo in servo_names(AQUAFISH).values()
     ]
     named = [word in best.name for word in AQUAFISH.words.values()] if known else None
     return _judged(belief.model, np.array(gains), truth, seconds, named)

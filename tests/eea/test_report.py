@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
+from eea.fish import fish_problem
 from eea.study import figures
 from eea.study.report import markdown, report
-from eea.study.results import LAYOUT, RESULT_COLUMNS, read_study
+from eea.study.results import read_study, result_columns
 from eea.study.summary import summarize_study
 from study_folder import LEVELS, TRUTH, make_records, write_records, write_study
 
@@ -85,7 +87,7 @@ def test_an_arm_is_named_by_its_choices(folder, tmp_path):
 def test_the_table_holds_every_round(folder):
     rows = list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
     assert len(rows) == 3 * 2 * 5 * 4
-    assert list(rows[0]) == RESULT_COLUMNS
+    assert list(rows[0]) == result_columns(AQUAFISH)
     assert [r["arm"] for r in rows[::40]] == ["ideal", "none", "out-of-band"], "the paper's order"
     found = {(r["arm"], r["steps"], r["seed"], r["round"]): r for r in rows}
     row = found["out-of-band", "256", "3", "4"]
@@ -145,9 +147,9 @@ def test_dimensions_are_compared_with_guessing(folder):
     summary = summarize_study(read_study(folder))
     assert summary["guesses"] == pytest.approx(
         {
-            "random bodies": chance_level(TRUTH, LAYOUT),
-            "mid-range body": mid_range_level(TRUTH, LAYOUT),
-            "quantisation limit": quantisation_limit(TRUTH, LAYOUT),
+            "random bodies": chance_level(TRUTH, fish_problem().models),
+            "mid-range body": mid_range_level(TRUTH, fish_problem().models),
+            "quantisation limit": quantisation_limit(TRUTH, fish_problem().models),
         }
     )
     # A nominal length of 0.8 of the range lies between 50 and 51 of its 63 steps.

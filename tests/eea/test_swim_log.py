@@ -7,12 +7,14 @@ import pytest
 
 from aquafish_gym import simulate
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import RecordedLog, SwimLog, read_log, write_log
-from eea.fish.swim_log import LOG_COLUMNS
+from eea.fish.swim_log import log_columns
 from eea.fish.windows import cubic_weights, log_windows
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.3, 0.2, 0.5)]
+LOG_COLUMNS = log_columns(AQUAFISH)
 HEADING = ",".join(LOG_COLUMNS)
 NAMES = ("time", "gyro", "commands", "trial")
 

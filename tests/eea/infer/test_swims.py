@@ -21,7 +21,13 @@ from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_robot
-from eea.fish.known import CHANGES, UNCHANGED, infer_changes, known_body, watch_swim
+from eea.fish.known import (
+    UNCHANGED,
+    infer_changes,
+    known_body,
+    possible_changes,
+    watch_swim,
+)
 from eea.fish.log_inference import infer_log
 from eea.fish.simulator import EngineSimulator
 from eea.fish.swim_log import SwimLog
@@ -245,8 +251,9 @@ def test_a_posterior_is_a_prior_with_its_noise(shorter):
 def test_what_is_known_says_nothing_of_what_changed():
     windows = log_windows(broken_swim("none")[0], moving=True)
     fish = fish_robot(EngineSimulator(windows.steps, threads=1), windows)
-    robot = KNOWN.known(replace(fish, hypotheses=CHANGES, at_once=2)).robot
-    one = next(h for h in CHANGES if h.name == "the tail has other sizes")
+    changes = possible_changes(AQUAFISH)
+    robot = KNOWN.known(replace(fish, hypotheses=changes, at_once=2)).robot
+    one = next(h for h in changes if h.name == "the tail has other sizes")
     parameters = Unknowns.of(robot, 1, (), one)
     flat = (parameters.prior_precision == 0.0) & ~parameters.circular
     free = np.array(parameters.names)[flat]
