@@ -54,8 +54,8 @@ class StudyCommand(Given):
 
     example: ClassVar[str] = "--figure 9 --replicates 5 --out out/study"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "figure", "conditions", "method", "preset", "steps", "replicates", "seed", "plan",
-        "damage", "workers", "scheduler",
+        "out", "figure", "conditions", "method", "preset", "steps", "replicates", "seed", "damage",
+        "workers", "scheduler",
     )  # fmt: skip
 
     out: Out = Path("out/study")

@@ -256,11 +256,12 @@ ROWS = [
             "simulate": swing, "numbers": {"length": Number(0.0, 3.0), "angle": Number.angle()},
             "channels": {"gyro": "rad/s"}, "hypotheses": (), "at_once": 1, "parts": {},
             "nominal": Hypothesis("all is well"), "prior": None, "discrepancy": None, "stride": 1,
-            "loudest": 1.0,
+            "loudest": 1.0, "plan": None,
         },
         options(
             simulate=CALLABLE, hypotheses="none, empty list", parts="empty mapping", prior="none",
             discrepancy="none", loudest="fraction, big, infinity",
+            plan="none, text, empty text, mapping, empty mapping",
         ),
     ),
     Call(

@@ -16,6 +16,7 @@ from strange_values import (
 
 import eea
 from aquafish_gym import Morphology, simulate
+from aquafish_gym.plans import AQUAFISH
 from eea import (
     EngineSimulator,
     EngineTarget,
@@ -84,11 +85,17 @@ ROWS = [
         {
             "morphology": BODY, "damage": "none", "rng": np.random.default_rng(0), "steps": 64,
             "engine": "numba", "current": np.zeros(3), "substeps": 1, "gap": RealityGap(),
+            "plan": AQUAFISH,
         },
-        options(morphology=NO_BODY, damage=NO_DAMAGE, rng="none"),
+        options(morphology=NO_BODY, damage=NO_DAMAGE, rng="none", plan="none"),
     ),
     Call(TARGET.perform, {"command": np.zeros(3)}),
-    Call(EngineSimulator, {"steps": 64, **WORLD}, options(threads="none", dtype="none")),
+    Call(
+        EngineSimulator,
+        {"steps": 64, **WORLD, "plan": AQUAFISH},
+        options(threads="none", dtype="none"),
+    ),
+    Call(eea.fish_problem, {"plan": AQUAFISH}),
     Call(
         SIMULATOR.simulate,
         {"trials": Trials(np.full((1, 9), 0.3), np.full((1, 3), 0.4), np.zeros((1, 3)))},
@@ -108,7 +115,7 @@ ROWS = [
         SwimLog,
         {
             "time": LOG.time, "gyro": LOG.gyro, "commands": LOG.commands, "trial": LOG.trial,
-            "remarks": (),
+            "remarks": (), "plan": AQUAFISH,
         },
         options(remarks="empty list, list of text, words"),
     ),
@@ -116,7 +123,7 @@ ROWS = [
         SwimLog.of_trials,
         {
             "commands": COMMANDS, "logs": [simulate(None, u, steps=64) for u in COMMANDS],
-            "moving": False,
+            "moving": False, "plan": AQUAFISH,
         },
         options(moving="true"),
     ),
@@ -124,7 +131,7 @@ ROWS = [
     Call(write_log, {"path": "swim.csv", "log": LOG}, options(path="text")),
     Call(
         read_log,
-        {"path": SWIM, "columns": None, "between": None},
+        {"path": SWIM, "columns": None, "between": None, "plan": AQUAFISH},
         options(columns="none, empty mapping", between="none"),
         words={"path": "log"},
     ),
@@ -193,16 +200,19 @@ ROWS = [
     ),
     Call(
         fish_eea,
-        {"target": TARGET, **SETTINGS, "truth": BODY, **WORLD},
-        options(config="none", truth=NO_BODY, threads="none", dtype="none"),
+        {"target": TARGET, **SETTINGS, "truth": BODY, "plan": AQUAFISH, **WORLD},
+        options(config="none", truth=NO_BODY, threads="none", dtype="none", plan="none"),
         {"target": "target", "truth": "morpholog"},
     ),
     Call(
         estimate_morphology_of,
-        {"target": TARGET, **SETTINGS, "progress": listen, "truth": BODY, **WORLD},
+        {
+            "target": TARGET, **SETTINGS, "progress": listen, "truth": BODY, "plan": AQUAFISH,
+            **WORLD,
+        },
         options(
             config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none",
-            dtype="none",
+            dtype="none", plan="none",
         ),
         {"target": "target", "truth": "morpholog"},
     ),
@@ -210,11 +220,11 @@ ROWS = [
         estimate_morphology,
         {
             "target_morphology": BODY, "damage": "none", **SETTINGS, "progress": listen,
-            "target_engine": "numba", **WORLD,
+            "target_engine": "numba", "plan": AQUAFISH, **WORLD,
         },
         options(
             target_morphology=NO_BODY, damage=NO_DAMAGE, config="none",
-            progress=f"none, {CALLABLE}", threads="none", dtype="none",
+            progress=f"none, {CALLABLE}", threads="none", dtype="none", plan="none",
         ),
         {"target_morphology": "morpholog", "target_engine": "engine"},
     ),

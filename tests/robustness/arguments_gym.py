@@ -192,7 +192,7 @@ ROWS = [
     ),
     Call(
         Morphology.coerce, {"value": BODY, "plan": AQUAFISH},
-        options(value=NO_BODY), {"value": "morphology"},
+        options(value=NO_BODY, plan="none"), {"value": "morphology"},
     ),
     Call(
         Morphology.from_json, {"text": BODY.to_json(), "plan": AQUAFISH},
@@ -247,7 +247,7 @@ ROWS = [
     Call(
         read_bodies,
         {"path": "bodies.json", "argument": "file", "plan": AQUAFISH},
-        {"argument": frozenset(STRANGE)},  # the name of the other one
+        {"argument": frozenset(STRANGE), **options(plan="none")},  # the name of the other one
         {"path": "file"},
     ),
     Call(

@@ -33,7 +33,7 @@ ROWS: list[Call] = [row for table in TABLES for row in import_module(table).ROWS
 WITHOUT = {
     "Agent", "ConfigurationError", "Dimension", "Evaluation", "Evolved", "ImuLog", "LogCheck",
     "MorphologyEstimate", "Performed", "RecordedLog", "Result",
-    "RevealingTarget", "Simulator", "Swim", "Target", "TargetError", "Trials", "fish_problem",
+    "RevealingTarget", "Simulator", "Swim", "Target", "TargetError", "Trials",
 }  # fmt: skip
 
 
