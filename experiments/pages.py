@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from aquafish.recovery.treatment import TREATMENTS
 from aquafish_gym.damage import TIERS
+from aquafish_gym.plans import PLANS, BodyPlan
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -44,6 +46,19 @@ PART = re.compile(
     r"^<!-- make pages: (?P<source>.+) -->\n(?:(?!<!-- make pages:).*\n)*?<!-- end -->$",
     re.MULTILINE,
 )
+
+
+def servos(plan: BodyPlan) -> str:
+    """Return the table of a plan's actions."""
+    rows = [["action", "of", "drive", "at -1", "at 1", "hinge (x, y, z), units"]]
+    for i, fin in enumerate(plan.fins):
+        turning = f"sweeps by {math.degrees(fin.sweep):.0f} degrees either way"
+        unit = "rev/s" if fin.turns else "Hz"
+        low, high = plan.command_low[i], plan.command_high[i]
+        hinge = ", ".join(f"{x:g}" for x in fin.hinge)
+        drive = "turns" if fin.turns else turning
+        rows.append([f"{i}", f"`{fin.name}`", drive, f"{low:g} {unit}", f"{high:g} {unit}", hinge])
+    return markdown_table(rows)
 
 
 def environment() -> str:
@@ -156,6 +171,7 @@ def inference_tables(report: Mapping[str, Any]) -> Mapping[str, Table]:
 
 TEXTS: dict[str, Callable[[], str]] = {
     "AquaFishEnv": environment,
+    **{plan.name: partial(servos, plan) for plan in PLANS.values()},
     "gap": gap,
     "league": league,
     "provenance": provenance,

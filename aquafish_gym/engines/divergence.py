@@ -9,6 +9,7 @@ import numpy as np
 
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.physics.kinematics import rotation, to_body
+from aquafish_gym.plans import AQUAFISH, plan_document
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.storage import write_bytes
@@ -112,6 +113,7 @@ class Recorded:
             "commands": [np.maximum(speeds / gain, self._plan.command_low).tolist()],
             "servo_gain": gain.tolist(),
             "begun": begun,
+            **({} if self._plan == AQUAFISH else {"plan": plan_document(self._plan)}),
             "steps": self._clock - since,
             "engine": "numba" if begun else self._how["engine"],  # PyBullet begins at rest
         }

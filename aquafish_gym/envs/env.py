@@ -177,6 +177,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             "render_modes": usable_modes(), "render_fps": max(1, round(1 / self.dt))
         }  # fmt: skip
         self.action_space = episode.action_space(self.plan)
+        self._shape = (len(self.plan.fins),)
         self.observation_space = episode.observation_space(self._limits)
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
@@ -226,7 +227,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         InvalidArgumentError, ResetNeeded
             If the action is not a finite number for each servo, or the episode is over.
         """
-        checked = episode.check_single_action(action, (len(self.plan.fins),))
+        checked = episode.check_single_action(action, self._shape)
         before = self._state.position
         diverged = self._swim(checked)
         terms, succeeded = self._reward(before, checked, diverged)

@@ -22,7 +22,7 @@ from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, has_diverged
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from gait.controllers.controller import Controller, program_of
@@ -100,20 +100,25 @@ def recorded(kind: str, scenario: Scenario, folder: Path) -> tuple[Any, Told]:
     return found, told
 
 
+@pytest.mark.parametrize("plan", [AQUAFISH, FOUR_FINS], ids=lambda plan: plan.name)
 @pytest.mark.parametrize("kind", ["numba", "pybullet", "lanes"])
-def test_a_swim_is_replayed_from_its_last_change(kind: str, tmp_path: Path) -> None:
+def test_a_swim_is_replayed_from_its_last_change(kind: str, plan: BodyPlan, tmp_path: Path) -> None:
     """To rounding, also of servos that become strong, reversed or dead."""
-    calm = Scenario.create(fin_angles=(0.4, -0.2, 1.0), current=(0.1, 0.0, 0.0))
-    broken = replace(calm, body=0.8 * calm.body, servo_gain=np.array([(-0.7, 0.0, 2.0)]))
+    fins = len(plan.fins)
+    calm = Scenario.create(
+        fin_angles=(0.4, -0.2, 1.0, 2.0)[:fins], current=(0.1, 0.0, 0.0), plan=plan
+    )
+    gains = np.array([(-0.7, 0.0, 2.0, 1.0)[:fins]])
+    broken = replace(calm, body=0.8 * calm.body, servo_gain=gains)
     engine, told = recorded(kind, calm, tmp_path)
     rng = np.random.default_rng(0)
     spins, expected = [], 0
     for step in range(60):
         if step == 43:
-            engine.update(replace(broken, fin_angles=np.full((1, 3), np.nan)))
+            engine.update(replace(broken, fin_angles=np.full((1, fins), np.nan)))
         if step == 50:
             engine.set_current(np.array([0.3, -0.2, 0.1]).reshape((1, 3) if kind == "lanes" else 3))
-        command = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0])
+        command = rng.uniform(plan.command_low, plan.command_high)
         for _ in range(5):
             told.diverged[:] = (step, _) in ((41, 4), (48, 4), (59, 4))
             engine.advance(command[None] if kind == "lanes" else tuple(command))
