@@ -1,6 +1,6 @@
 """AquaFish in LeRobot's EnvHub: ``make_env`` returns every task of the robot fish.
 
-Observations are ``{"agent_pos": ...}``; actions are the servos' speeds in [-1, 1].
+Observations are ``{"agent_pos": ...}``; actions are the speeds of three servos in [-1, 1].
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ import gymnasium as gym
 #: The tasks by their ids, in words for policies that read them.
 TASKS = {
     "AquaFish-v0": "Swim forward.",
-    "FourFins-v0": "Swim forward with four flippers.",
-    "TailFish-v0": "Swim forward with a tail and two small fins.",
     "AquaFishStation-v0": "Hold station in a current.",
     "AquaFishWaypoint-v0": "Swim to waypoints.",
     "AquaFishRecovery-v0": "Swim forward, also after something has broken.",
