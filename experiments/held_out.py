@@ -22,7 +22,9 @@ from gymnasium.utils import seeding
 import aquafish_gym.damage
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.held_out import FILE, SCHEMA, lists, spans
+from aquafish_gym.damage.words import parts_of
 from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.plans import AQUAFISH, PLANS
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
@@ -33,8 +35,13 @@ PLACE = Path(str(aquafish_gym.damage.__file__)).with_name(FILE)
 #: Of the lists whose damages depend on the number and the list's name alone.
 DRAWS: dict[str, Draw] = {"three faults": three_faults, **OUTSIDE}
 _TIERS = ("severe", "moderate", "mild")
+#: The other fish than the paper's: their lists begin with their names.
+OTHERS = {f"{plan.name} ": plan for plan in PLANS.values() if plan != AQUAFISH}
+#: Of bodies alone, as the list "recovery", which was chosen by hand.
+BODIES = tuple(f"{own}recovery" for own in OTHERS)
 #: Of the others, the task whose episodes they are for, and what breaks at random.
 RANDOM: dict[str, tuple[str, str]] = {
+    **{f"{own}{what}": ("forward", what) for own in OTHERS for what in (*_TIERS, "severe@15-30")},
     **{tier: ("forward", tier) for tier in _TIERS},
     **{f"{task} {tier}": (task, tier) for task in ("station", "waypoint") for tier in _TIERS},
     **{f"{tier}@15-30": ("recovery", f"{tier}@15-30") for tier in _TIERS},
@@ -44,15 +51,21 @@ RANDOM: dict[str, tuple[str, str]] = {
 }
 
 
+LISTS = (*RANDOM, *BODIES, *DRAWS)
+
+
 def draw(name: str, number: int) -> str:
     """Return what today's rules draw for a number of a list."""
     if name in DRAWS:
         return DRAWS[name](episode_rng(number, name))
+    plan = next((plan for own, plan in OTHERS.items() if name.startswith(own)), AQUAFISH)
+    if name in BODIES:
+        return str(Damage.random(episode_rng(number, name), plan))
     task, what = RANDOM[name]
     rng, _ = seeding.np_random(FIRST_SEED + number)
-    rng.uniform(-math.pi, math.pi, 3)  # fin angles, as in aquafish_gym.envs.episode
+    rng.uniform(-math.pi, math.pi, len(plan.fins))  # fin angles, as in aquafish_gym.envs.episode
     TASKS[task].begin(rng)
-    return str(Damage.parse(f"random:{what}").sample(rng))
+    return str(Damage.parse(f"random:{what}").sample(rng, parts_of(plan)))
 
 
 @dataclass(frozen=True)
@@ -63,8 +76,8 @@ class HeldOut:
 
     lists: Annotated[
         tuple[str, ...],
-        tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(RANDOM | DRAWS)}."),
-    ] = tuple(RANDOM | DRAWS)
+        tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(LISTS)}."),
+    ] = LISTS
     first: int = 120_200
     """The first number."""
     count: int = 100
@@ -77,7 +90,7 @@ class HeldOut:
             integer("first", self.first, 0), self.first + integer("count", self.count, 1)
         )
         for name in self.lists:
-            one_of("lists", name, RANDOM | DRAWS)
+            one_of("lists", name, LISTS)
             found[name] = extended(name, found.get(name, {}), numbers)
             print(f"{name}: {spans(list(found[name]))}")
         write_document(PLACE, {"lists": found}, SCHEMA, indent=0)

@@ -11,7 +11,7 @@ from aquafish_gym.damage.held_out import SCHEMA, lists
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments import held_out
-from experiments.held_out import DRAWS, RANDOM, HeldOut
+from experiments.held_out import LISTS, HeldOut
 
 
 def test_new_numbers_come_to_those_that_are_there(
@@ -20,7 +20,7 @@ def test_new_numbers_come_to_those_that_are_there(
     monkeypatch.setattr(held_out, "PLACE", tmp_path / "held_out.json")
     HeldOut(first=130_000, count=2).execute()
     found = read_document(tmp_path / "held_out.json", SCHEMA)["lists"]
-    assert set(found) == set(lists()) == {"recovery", "league", *RANDOM, *DRAWS}
+    assert set(found) == set(lists()) == {"recovery", "league", *LISTS}
     for name, damages in lists().items():
         kept = {str(number): text for number, text in damages.items()}
         new = found[name].keys() - kept.keys()
