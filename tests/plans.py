@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
 from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan, FinPlan, Hull, Sizes
@@ -36,6 +37,12 @@ ODD = BodyPlan(
     ),
 )  # fmt: skip
 PLANS = (AQUAFISH, FOUR_FINS, TAIL_FISH, ODD)
+EACH_PLAN = [pytest.param(plan, id=plan.name) for plan in PLANS]
+#: For tests that compile kernels of the plan, which takes long: the others' are slow ones.
+COMPILED_PLANS = [
+    EACH_PLAN[0],
+    *(pytest.param(plan, id=plan.name, marks=pytest.mark.slow) for plan in PLANS[1:]),
+]
 
 
 @st.composite

@@ -44,6 +44,13 @@ def _ellipsoid(length: float, diameter: float) -> tuple[float, float, float]:
     Each relative to its own mass or inertia at the water's density (Lamb, 1932, Art. 114).
     """
     e = math.sqrt(1 - (diameter / length) ** 2)
+    if e < 0.1:  # near a sphere the formulas below are differences of nearly equal numbers
+        square = e**2
+        share = sum(square**k / (2 * k + 3) for k in range(8))
+        gap = sum(6 * square**k / ((2 * k + 3) * (2 * k + 5)) for k in range(8))
+        alpha, beta = 2 * (1 - square) * share, 1 - (1 - square) * share
+        turning = square**2 * gap / ((2 - square) * (2 - (2 - square) * gap))
+        return alpha / (2 - alpha), beta / (2 - beta), turning
     log = math.log((1 + e) / (1 - e))
     alpha = 2 * (1 - e**2) / e**3 * (log / 2 - e)
     beta = 1 / e**2 - (1 - e**2) / (2 * e**3) * log

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from instruments.verification.trials import Trials, random_trials
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ def swim(engine: str, dtype: str, trials: Trials, steps: int) -> ImuLog:
     """Return the whole log of trials in still water."""
     return simulate(
         trials.morphologies, trials.commands, trials.fin_angles, steps=steps, engine=engine,
-        dtype=dtype, record="pose",
+        dtype=dtype, record="pose", plan=trials.plan,
     )  # fmt: skip
 
 
@@ -35,14 +36,18 @@ def differences(one: ImuLog, other: ImuLog) -> dict[str, Array]:
 
 
 def engines(
-    robots: int = 20, lane_robots: int = 2000, steps: int = 512, seed: int = 0
+    robots: int = 20,
+    lane_robots: int = 2000,
+    steps: int = 512,
+    seed: int = 0,
+    plan: BodyPlan = AQUAFISH,
 ) -> list[dict[str, object]]:
     """Return how far PyBullet and the compiled engine differ, and how far its precisions.
 
     A robot's difference is the largest over its samples; a record has the median and the maximum
     over robots.
     """
-    every = random_trials(max(robots, lane_robots), seed)
+    every = random_trials(max(robots, lane_robots), seed, plan)
     records: list[dict[str, object]] = []
     for name, first, second, count in (
         ("PyBullet, numba float64", ("pybullet", "float64"), ("numba", "float64"), robots),
@@ -74,13 +79,16 @@ QUANTILES = {"median": 0.5, "90%": 0.9, "99%": 0.99, "maximum": 1.0}
 
 
 def single_precision(
-    robots: int = 2000, durations: tuple[float, ...] = DURATIONS, seed: int = 0
+    robots: int = 2000,
+    durations: tuple[float, ...] = DURATIONS,
+    seed: int = 0,
+    plan: BodyPlan = AQUAFISH,
 ) -> Iterator[dict[str, Array]]:
     """Yield float32's differences from float64 up to each duration, some robots at a time.
 
     Each maps what to an array (b, durations); :func:`quantiles` sums them up.
     """
-    every = random_trials(robots, seed)
+    every = random_trials(robots, seed, plan)
     steps = [round(d / TIMESTEP) for d in durations]
     for begin in range(0, robots, AT_ONCE):
         trials = _part(every, begin, min(begin + AT_ONCE, robots))

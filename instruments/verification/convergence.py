@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
 from instruments.verification.harness import POSITION, QUATERNION, SPIN, march
 from instruments.verification.momentum import Momentum
 from instruments.verification.surface import Surface
@@ -32,11 +31,9 @@ def reference_path(
 
     The water is the law's, by its few points, or integrated over the whole surface.
     """
-    model = Momentum.of(
-        trials.morphologies[robot], trials.commands[robot], trials.fin_angles[robot]
-    )
+    model = Momentum.of(trials, robot)
     if whole_surface:
-        model.surface = Surface(model.robot).wrench
+        model.surface = Surface(model.robot, plan=trials.plan).wrench
     y, path = model.at_rest(), []
     for i in range(samples):
         y = model.run(y, h, round(INTERVAL / h), i * INTERVAL)
@@ -47,11 +44,12 @@ def reference_path(
 
 def scheme_paths(trials: Trials, samples: int, h: float, backend: str = "float64") -> Array:
     """Return position, quaternion and spin (B, samples, 10) in the engines' scheme."""
-    states, paths = layout(AQUAFISH).start(trials.fin_angles), []
+    states, paths = layout(trials.plan).start(trials.fin_angles), []
     for _ in range(samples):
         states = march(
-            backend, trials.morphologies, states, trials.commands, h, round(INTERVAL / h)
-        )
+            backend, trials.morphologies, states, trials.commands, h, round(INTERVAL / h),
+            plan=trials.plan,
+        )  # fmt: skip
         paths.append(np.concatenate([states[POSITION], states[QUATERNION], states[SPIN]]))
     return np.array(paths).transpose(2, 0, 1)
 

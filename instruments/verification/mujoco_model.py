@@ -13,31 +13,21 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.hydrodynamics import DENSITY
-from aquafish_gym.physics.layout import layout, robot_of
-from aquafish_gym.physics.robot import MOUNT_LENGTH
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.robot import hull_numbers
+from aquafish_gym.plans import AQUAFISH, BodyPlan, Hull
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     install_advice,
 )
-from instruments.verification.paper_robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    CYLINDER,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    PECTORAL_X,
-    PECTORAL_Y,
-    RADIUS,
-    SWEEP,
-)
+from instruments.verification.momentum import fin_axes, hinge_motion, robot_at
+from instruments.verification.quadrature import mount_plates
 
-BASE = 6  # degrees of freedom of the free base, before those of the three hinges
+BASE = 6  # degrees of freedom of the free base, before those of the hinges
 VISCOSITY = 4e-4  # of water at 20 C, 1.0e-3 Pa s, in our units: 0.125 kg, 5 cm and s
 
 # MuJoCo computes an ellipsoid's added mass by a quadrature that errs by 0.2% for a disc of this
@@ -54,12 +44,6 @@ _ARMATURE = 1.0
 Triple = tuple[float, float, float]
 Water = Literal["ellipsoid", "box"]
 
-_HINGES: tuple[tuple[str, Triple, Triple], ...] = (
-    ("left_pectoral", (-PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    ("right_pectoral", (PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    ("caudal", (0.0, CAUDAL_Y, 0.0), (0.0, 0.0, 1.0)),
-)
-
 
 def load_mujoco() -> Any:
     """Return the module; :class:`EngineUnavailableError` if it is not installed."""
@@ -71,28 +55,26 @@ def load_mujoco() -> Any:
         ) from None
 
 
-def hinge_angles(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the hinges' angles (..., 3) for pectoral angles and caudal phases, all in rad."""
-    angles = np.array(fin_angles, dtype=np.float64)
-    angles[..., 2] = SWEEP * np.sin(angles[..., 2])
-    return angles
+def hinge_angles(fin_angles: NDArray[np.float64], plan: BodyPlan = AQUAFISH) -> NDArray[np.float64]:
+    """Return the hinges' angles (..., F) for fin angles and phases, all in rad."""
+    return hinge_motion(plan, np.asarray(fin_angles), np.zeros(len(plan.fins)))[0]
 
 
 def mujoco_model(
     morphology: MorphologyLike = None, timestep: float = 0.01, water: Water | None = None
 ) -> Any:
-    """Return the robot as an ``MjModel``: a free body and three hinges, no gravity.
+    """Return the robot as an ``MjModel``: a free body and its fins' hinges, no gravity.
 
-    ``qpos`` is position, quaternion (w, x, y, z) and the angles of left flipper, right flipper
-    and tail in rad; ``qvel`` the base's velocity in the world, its spin in body axes and the
-    hinges' rates. ``ctrl`` is where three servos bring the hinges within the next step (rad):
+    ``qpos`` is position, quaternion (w, x, y, z) and the hinges' angles in rad; ``qvel`` the base's
+    velocity in the world, its spin in body axes and the hinges' rates. ``ctrl`` is where servos
+    bring the hinges within the next step (rad):
     their torque is proportional to what would be missing after it, and the model's integrator,
     ``implicitfast``, solves for that.
 
     Parameters
     ----------
     morphology
-        Whatever ``Morphology.coerce`` takes; None is the nominal body.
+        A Morphology, or nine sizes of AquaFish; None is its nominal body.
     timestep
         Of MuJoCo's own integrator, s.
     water
@@ -116,7 +98,9 @@ def mujoco_model(
     """
     if not (isinstance(timestep, int | float) and 0 < timestep < math.inf):
         raise InvalidArgumentError(f"timestep must be a positive number of s; got {timestep!r}")
-    sizes = Morphology.coerce(morphology).to_array()
+    body = morphology if isinstance(morphology, Morphology) else Morphology.coerce(morphology)
+    plan = body.plan
+    hull = hull_numbers(plan.hull)
     mujoco = load_mujoco()
     spec = mujoco.MjSpec()
     option, off = spec.option, mujoco.mjtDisableBit
@@ -127,31 +111,34 @@ def mujoco_model(
     option.disableflags = off.mjDSBL_CONSTRAINT | off.mjDSBL_AUTORESET
     base = spec.worldbody.add_body(name="capsule")
     base.add_freejoint()
-    _set_inertia(base, BODY_MASS, (0.0, 0.0, 0.0), BODY_INERTIA)
+    _set_inertia(base, hull.mass, (0.0, 0.0, 0.0), hull.inertia)
     if water is not None:
         option.density, option.viscosity = DENSITY, VISCOSITY
     if water == "ellipsoid":
-        _add_capsule(mujoco, base)
-        for x in (-MOUNT_X, MOUNT_X):
-            _add_box(mujoco, base, (x, PECTORAL_Y, 0.0), (MOUNT_WIDTH, MOUNT_LENGTH, 0.0))
-    robot = robot_of(layout(AQUAFISH).robots(sizes[None])[:, 0].tolist())
-    for (name, hinge, axis), fin in zip(_HINGES, robot.fins, strict=True):
-        link = base.add_body(name=name, pos=hinge)
+        _add_capsule(mujoco, base, plan.hull)
+        for middle, axes, width, length in mount_plates(plan):
+            _add_box(mujoco, base, middle, (width, length, 0.0), _quaternion(axes))
+    robot = robot_at(plan, body.to_array())
+    for fin_plan, fin in zip(plan.fins, robot.fins, strict=True):
+        name = fin_plan.name
+        # A link's axes are its fin's: width, length and normal.
+        turn = _quaternion(fin_axes(fin_plan, 0.0))
+        link = base.add_body(name=name, pos=fin_plan.hinge, quat=turn)
         hinges = mujoco.mjtJoint.mjJNT_HINGE
-        link.add_joint(name=name, type=hinges, axis=axis, armature=_ARMATURE)
+        link.add_joint(name=name, type=hinges, axis=(1.0, 0.0, 0.0), armature=_ARMATURE)
         servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=_SERVO / timestep, kv=_SERVO)
-        centre, across = (0.0, -0.5 * fin.length, 0.0), axis.index(1.0)
-        _set_inertia(link, fin.mass, centre, _in_link(fin.inertia, across))
+        centre = (0.0, -0.5 * fin.length, 0.0)
+        _set_inertia(link, fin.mass, centre, fin.inertia)
         if water == "ellipsoid":
-            _add_box(mujoco, link, centre, _in_link((fin.width, fin.length, fin.thickness), across))
+            _add_box(mujoco, link, centre, (fin.width, fin.length, fin.thickness))
     return spec.compile()
 
 
-def _in_link(values: Triple, across: int) -> Triple:
-    """Turn (width, length, normal) to the link's axes, of which ``across`` is the width's."""
-    width, length, normal = values
-    return (width, length, normal) if across == 0 else (normal, length, width)
+def _quaternion(axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the quaternion (w, x, y, z) of axes, which are columns."""
+    found: NDArray[np.float64] = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+    return found
 
 
 def _set_inertia(body: Any, mass: float, centre: Triple, inertia: Triple) -> None:
@@ -162,18 +149,21 @@ def _set_inertia(body: Any, mass: float, centre: Triple, inertia: Triple) -> Non
     body.inertia = (min(a, b + c), min(b, a + c), min(c, a + b))
 
 
-def _add_capsule(mujoco: Any, body: Any) -> None:
-    half = CYLINDER / 2
+def _add_capsule(mujoco: Any, body: Any, hull: Hull) -> None:
+    half = hull.length / 2 - hull.radius
     ends = (0.0, -half, 0.0, 0.0, half, 0.0)
-    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(RADIUS, 0, 0), fromto=ends))
+    size = (hull.radius, 0, 0)
+    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=size, fromto=ends))
 
 
-def _add_box(mujoco: Any, body: Any, centre: Triple, sizes: Triple) -> None:
+def _add_box(
+    mujoco: Any, body: Any, centre: Any, sizes: Triple, turn: Any = (1.0, 0.0, 0.0, 0.0)
+) -> None:
     half = 0.5 * np.array(sizes)
     # A box of one size or none has no face for the water to push.
     least = FLATTEST * half.max() if np.count_nonzero(half) > 1 else _NOTHING
     half = np.maximum(half, least) if least > _NOTHING else np.full(3, _NOTHING)
-    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half))
+    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, quat=turn))
 
 
 def _wet(geom: Any) -> None:

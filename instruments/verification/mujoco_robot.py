@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import MorphologyLike
-from instruments.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
-from instruments.verification.paper_robot import SWEEP
+from aquafish_gym.morphology import Morphology
+from instruments.verification.momentum import hinge_motion
+from instruments.verification.mujoco_model import BASE, load_mujoco, mujoco_model
 from instruments.verification.rk4 import integrate, quaternion_rate
 
 Array = NDArray[np.float64]
@@ -32,15 +32,16 @@ class DryRobot:
     Parameters
     ----------
     morphology
-        Whatever ``Morphology.coerce`` takes.
+        Of any plan.
     command
-        (3,) rev/s, rev/s, Hz.
+        (F,) rev/s or Hz.
     fin_angles
-        (3,) left and right pectoral angle and caudal phase at t = 0, rad.
+        (F,) angles, or phases of fins that sweep, at t = 0, rad.
     """
 
-    def __init__(self, morphology: MorphologyLike, command: Array, fin_angles: Array) -> None:
+    def __init__(self, morphology: Morphology, command: Array, fin_angles: Array) -> None:
         self._mujoco = load_mujoco()
+        self._plan = morphology.plan
         self._model = mujoco_model(morphology)
         self._data = self._mujoco.MjData(self._model)
         self._start = np.asarray(fin_angles, dtype=np.float64)
@@ -78,14 +79,13 @@ class DryRobot:
     def _place(self, t: float, y: Array) -> Array:
         """Put MuJoCo's robot there, and return the hinges' accelerations."""
         omega = self._omega
-        angles = self._start + omega * t
-        sine, cosine = math.sin(angles[2]), math.cos(angles[2])
+        angles, rates, accelerations = hinge_motion(self._plan, self._start + omega * t, omega)
         data = self._data
         data.qpos[:3] = y[:3]
         data.qpos[3:7] = y[[6, 3, 4, 5]] / np.linalg.norm(y[3:7])
-        data.qpos[7:] = hinge_angles(angles)
+        data.qpos[7:] = angles
         data.qvel[:BASE] = y[7:13]
-        data.qvel[BASE:] = omega[0], omega[1], SWEEP * omega[2] * cosine
+        data.qvel[BASE:] = rates
         self._mujoco.mj_fwdPosition(self._model, data)
         self._mujoco.mj_fwdVelocity(self._model, data)
-        return np.array([0.0, 0.0, -SWEEP * omega[2] ** 2 * sine])
+        return accelerations

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.attitude import attitude, continue_attitude
-from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, State, at_rest, rotation
+from aquafish_gym.physics.kinematics import RUNAWAY_SQUARE, Numbers, State, at_rest, rotation
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -73,7 +74,7 @@ class MujocoWorld(World):
         self._turned: NDArray[np.float64] = scenario.fin_angles[0].copy()
         self.diverged = False
         self._build(scenario)
-        self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
+        self.data.qpos[BASE + 1 :] = hinge_angles(self._turned, scenario.plan)
         self.data.qvel[:BASE] = [*scenario.velocity[0], *scenario.spin[0]]
 
     def _update(self, scenario: Scenario) -> None:
@@ -93,7 +94,9 @@ class MujocoWorld(World):
                 f"density 1; got {scenario.reactive} and {ours}"
             )
         self._body = scenario.body[0].copy()
-        self.model = mujoco_model(self._body, TIMESTEP / self._count, self.water)
+        self._plan = scenario.plan
+        body = Morphology.from_array(self._body, self._plan)
+        self.model = mujoco_model(body, TIMESTEP / self._count, self.water)
         self.data = load_mujoco().MjData(self.model)
         self._set(scenario)
 
@@ -111,7 +114,7 @@ class MujocoWorld(World):
         path = self._turned + turn * ahead
         step, model, data = load_mujoco().mj_step, self.model, self.data
         control, base = data.ctrl, data.qvel[:BASE]
-        for target in hinge_angles(path):
+        for target in hinge_angles(path, self._plan):
             # Looked at before each step, since MuJoCo warns in files. Written so that NaN fails it.
             if not base @ base < RUNAWAY_SQUARE:
                 break
@@ -132,10 +135,9 @@ class MujocoWorld(World):
         )  # fmt: skip
 
     @property
-    def fin_angles(self) -> Vector:
-        """Left and right pectoral angle and caudal phase in [-pi, pi], rad."""
-        left, right, phase = np.arctan2(np.sin(self._turned), np.cos(self._turned)).tolist()
-        return (left, right, phase)
+    def fin_angles(self) -> Numbers:
+        """Each fin's angle, or the phase of one that sweeps, in [-pi, pi], rad."""
+        return tuple(np.arctan2(np.sin(self._turned), np.cos(self._turned)).tolist())
 
     def close(self) -> None:
         """Do nothing: there is nothing to free."""

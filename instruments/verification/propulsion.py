@@ -26,7 +26,7 @@ from aquafish_gym.physics.layout import layout, robot_of
 from aquafish_gym.physics.reactive import added_water
 from aquafish_gym.physics.robot import Fin, Robot
 from aquafish_gym.plans import AQUAFISH
-from instruments.verification.paper_robot import CAUDAL_Y, NOSE, SWEEP
+from instruments.verification.paper_robot import CAUDAL_Y, HULL, SWEEP
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ FREQUENCIES = (0.25, 0.5, 0.75, 1.0)  # Hz
 # Beats from rest: the first are the time to settle, over the others the speed is measured. Many
 # more would let the pitch that rounding starts grow, where a robot's course is unstable.
 BEATS = (40, 50)
-BODY_LENGTH = 2 * NOSE
+BODY_LENGTH = 2 * HULL.nose
 
 
 def tail_body(thickness: float, pectorals: bool) -> Array:

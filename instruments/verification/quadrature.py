@@ -7,13 +7,12 @@ kind: points in the plane of length and width, at which the law of all three pla
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.hydrodynamics import (
     AXIAL_DRAG,
     CROSS_FLOW_DRAG,
@@ -23,20 +22,10 @@ from aquafish_gym.physics.hydrodynamics import (
     body_drag,
 )
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.physics.robot import MOUNT_LENGTH
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.robot import MOUNT_LENGTH, hull_numbers
+from aquafish_gym.plans import AQUAFISH, BodyPlan, FinPlan, Hull
 from instruments.verification.harness import drag
-from instruments.verification.momentum import HINGES
-from instruments.verification.paper_robot import (
-    CYLINDER,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    NOSE,
-    PECTORAL_Y,
-    RADIUS,
-    ROLL_AREA,
-    SWEEP,
-)
+from instruments.verification.momentum import fin_axes, hinge_motion
 from instruments.verification.rk4 import rotation_matrix
 from instruments.verification.trials import Trials, lane_batch, random_trials
 
@@ -193,55 +182,87 @@ def capsule_wrench(motion: Array, y: Array, widths: Array) -> Array:
     return total
 
 
-def _diameters(y: Array) -> Array:
-    beyond = np.maximum(abs(y) - CYLINDER / 2, 0.0)
-    diameters: Array = 2 * np.sqrt(np.maximum(RADIUS**2 - beyond**2, 0.0))
+def _diameters(hull: Hull, y: Array) -> Array:
+    beyond = np.maximum(abs(y) - (hull.length / 2 - hull.radius), 0.0)
+    diameters: Array = 2 * np.sqrt(np.maximum(hull.radius**2 - beyond**2, 0.0))
     return diameters
 
 
-def even_strips(count: int) -> tuple[Array, Array]:
+def even_strips(hull: Hull, count: int) -> tuple[Array, Array]:
     """Return places and areas of strips of equal length."""
     nodes, weights = midpoint_rule(count)
-    y = 2 * NOSE * nodes
-    return y, 2 * NOSE * weights * _diameters(y)
+    y = hull.length * nodes
+    return y, hull.length * weights * _diameters(hull, y)
 
 
-def fine_strips(points: int = 4 * FINE) -> tuple[Array, Array]:
+def fine_strips(hull: Hull, points: int = 4 * FINE) -> tuple[Array, Array]:
     """Return places and areas of Gauss strips along the cylinder and each cap."""
+    radius, cylinder = hull.radius, hull.length - 2 * hull.radius
     nodes, weights = gauss_rule(points)
     # Near a pole the diameter is a square root of the distance: as a power of the node it is
     # smooth.
-    cap = RADIUS * (1 - (nodes + 0.5) ** 2)
-    cap_weights = RADIUS * 2 * (nodes + 0.5) * weights
-    y = np.concatenate([-CYLINDER / 2 - cap, CYLINDER * nodes, CYLINDER / 2 + cap])
-    return y, np.concatenate([cap_weights, CYLINDER * weights, cap_weights]) * _diameters(y)
+    cap = radius * (1 - (nodes + 0.5) ** 2)
+    cap_weights = radius * 2 * (nodes + 0.5) * weights
+    y = np.concatenate([-cylinder / 2 - cap, cylinder * nodes, cylinder / 2 + cap])
+    return y, np.concatenate([cap_weights, cylinder * weights, cap_weights]) * _diameters(hull, y)
 
 
-def body_by_strips(motion: Array, strips: tuple[Array, Array], mount_points: int) -> Array:
+def mount_plates(plan: BodyPlan) -> Iterator[tuple[Array, Array, float, float]]:
+    """Yield each plate between hull and hinge: its middle, axes, width and length.
+
+    The axes are columns: away from the hull's axis, along it, and across both.
+    """
+    along = np.array([0.0, 1.0, 0.0])
+    for fin in plan.fins:
+        hinge = np.array(fin.hinge)
+        aside = hinge * [1.0, 0.0, 1.0]
+        away = float(np.linalg.norm(aside))
+        width = away - plan.hull.radius
+        if width > 0:
+            outward = aside / away
+            middle = hinge - width / 2 * outward
+            axes = np.stack([outward, along, np.cross(outward, along)], axis=1)
+            yield middle, axes, width, MOUNT_LENGTH
+
+
+def body_by_strips(
+    plan: BodyPlan, motion: Array, strips: tuple[Array, Array], mount_points: int
+) -> Array:
     """Return the wrench (6, B) on capsule and mounts, with these strips and mount points."""
+    hull, ones = plan.hull, np.ones(motion.shape[1])
     total = capsule_wrench(motion, *strips)
-    total[1] -= 0.5 * DENSITY * AXIAL_DRAG * np.pi * RADIUS**2 * abs(motion[1]) * motion[1]
-    total[4] -= 0.5 * DENSITY * SKIN_FRICTION * ROLL_AREA * abs(motion[4]) * motion[4]
-    area, ones = MOUNT_WIDTH * MOUNT_LENGTH, np.ones(motion.shape[1])
-    coefficients = DENSITY * area * np.outer([SKIN_FRICTION, SKIN_FRICTION, NORMAL_DRAG / 2], ones)
+    total[1] -= 0.5 * DENSITY * AXIAL_DRAG * np.pi * hull.radius**2 * abs(motion[1]) * motion[1]
+    roll = hull_numbers(hull).roll_area
+    total[4] -= 0.5 * DENSITY * SKIN_FRICTION * roll * abs(motion[4]) * motion[4]
     rule = gauss_rule(mount_points)
-    sides = (np.outer([MOUNT_WIDTH, 0, 0], ones), np.outer([0, MOUNT_LENGTH, 0], ones))
-    for x in (-MOUNT_X, MOUNT_X):
-        middle = np.outer([x, PECTORAL_Y, 0.0], ones)
-        total += plate_wrench(coefficients, middle, sides, (rule, rule), motion)
+    for middle, axes, width, length in mount_plates(plan):
+        of_area = np.outer([SKIN_FRICTION, SKIN_FRICTION, NORMAL_DRAG / 2], ones)
+        wrench = plate_wrench(
+            DENSITY * width * length * of_area,
+            np.outer(axes.T @ middle, ones),
+            (np.outer([width, 0, 0], ones), np.outer([0, length, 0], ones)),
+            (rule, rule),
+            _turned(axes.T, motion),
+        )
+        total += _turned(axes, wrench)
     return total
 
 
-def body_reference(motion: Array, points: int = FINE) -> Array:
+def _turned(matrix: Array, pairs: Array) -> Array:
+    """Return pairs of vectors (6, B) turned by a matrix."""
+    return np.concatenate([matrix @ pairs[:3], matrix @ pairs[3:]])
+
+
+def body_reference(motion: Array, points: int = FINE, plan: BodyPlan = AQUAFISH) -> Array:
     """Return the wrench (6, B) on capsule and mounts; ``motion`` (6, B) is in body axes."""
-    return body_by_strips(motion, fine_strips(4 * points), points)
+    return body_by_strips(plan, motion, fine_strips(plan.hull, 4 * points), points)
 
 
-def body_by_law(motion: Array) -> Array:
+def body_by_law(motion: Array, plan: BodyPlan = AQUAFISH) -> Array:
     """Return what ``hydrodynamics.body_drag`` says (6, B)."""
     columns = motion.T.tolist()
     return np.array(
-        [np.concatenate(body_drag(AQUAFISH, tuple(m[:3]), tuple(m[3:]))) for m in columns]
+        [np.concatenate(body_drag(plan, tuple(m[:3]), tuple(m[3:]))) for m in columns]
     ).T
 
 
@@ -267,19 +288,20 @@ STRIPS = (2, 4, 8, 16, 32)
 class Met:
     """Motions that robots meet while they swim.
 
-    ``flippers`` and ``tails`` are sizes (3, B) and motions (6, B) of left flippers and of tails
-    in their fin frames; ``bodies`` is the motion (6, B) of the capsule in body axes.
+    ``fins`` are sizes (3, B) and motions (6, B) of each fin in its frame, ``bodies`` is the motion
+    (6, B) of the hull in body axes.
     """
 
-    flippers: tuple[Array, Array]
-    tails: tuple[Array, Array]
+    fins: list[tuple[Array, Array]]
     bodies: Array
 
 
 def motions_met(trials: Trials, times: tuple[int, ...] = (50, 130, 210)) -> Met:
     """Let trials swim in still water and return their motions after these steps of 0.01 s."""
-    lanes = lane_batch(trials.morphologies, trials.fin_angles, dtype=np.float64)
-    flippers, tails, bodies = [], [], []
+    plan = trials.plan
+    lanes = lane_batch(trials.morphologies, trials.fin_angles, dtype=np.float64, plan=plan)
+    found: list[list[Array]] = [[] for _ in plan.fins]
+    bodies = []
     done = 0
     for steps in times:
         lanes.advance(trials.commands, steps - done)
@@ -288,32 +310,26 @@ def motions_met(trials: Trials, times: tuple[int, ...] = (50, 130, 210)) -> Met:
         turns = np.array([rotation_matrix(q) for q in np.transpose(now.orientation)])
         velocity = np.einsum("bji,jb->ib", turns, np.array(now.velocity))
         body = np.concatenate([velocity, now.spin])
-        left, _, phase = layout(AQUAFISH).angles(lanes.states)
-        tail = SWEEP * np.sin(phase)
-        rates = now.rates
-        flippers.append(_in_fin_frame(body, HINGES[0], _SAME, left, rates[0]))
-        tails.append(_in_fin_frame(body, HINGES[2], _UPRIGHT, tail, rates[2]))
+        phases = layout(plan).angles(lanes.states).T
+        angles, _, _ = hinge_motion(plan, phases, np.zeros_like(phases))
+        for i, fin in enumerate(plan.fins):
+            found[i].append(_in_fin_frame(fin, body, angles[:, i], np.asarray(now.rates[i])))
         bodies.append(body)
     sizes = np.tile(trials.morphologies.T, (1, len(times)))
-    flipper, tail = (np.concatenate(parts, axis=1) for parts in (flippers, tails))
-    return Met(
-        (sizes[[0, 1, 2]], flipper), (sizes[[8, 7, 6]], tail), np.concatenate(bodies, axis=1)
-    )
+    fins = [
+        (sizes[columns], np.concatenate(motions, axis=1))
+        for columns, motions in zip(plan.columns, found, strict=True)
+    ]
+    return Met(fins, np.concatenate(bodies, axis=1))
 
 
-_SAME = np.eye(3)
-_UPRIGHT = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # the tail's (width, length, normal)
-
-
-def _in_fin_frame(body: Array, hinge: Array, axes: Array, angle: Array, rate: Array) -> Array:
+def _in_fin_frame(fin: FinPlan, body: Array, angles: Array, rates: Array) -> Array:
     """Return the motion (6, B) of a fin's hinge and of the fin, in the fin's own axes."""
-    at_hinge = axes @ (body[:3] + _cross(body[3:], np.outer(hinge, np.ones(body.shape[1]))))
-    spin = axes @ body[3:]
-    spin[0] += rate
-    c, s = np.cos(angle), np.sin(angle)
-    return np.concatenate(
-        [[v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]] for v in (at_hinge, spin)]
-    )
+    hinge = np.outer(fin.hinge, np.ones(body.shape[1]))
+    velocity = body[:3] + _cross(body[3:], hinge)
+    spin = body[3:] + np.outer(fin.axis, rates)
+    axes = np.array([fin_axes(fin, angle) for angle in angles])
+    return np.concatenate([np.einsum("bji,jb->ib", axes, v) for v in (velocity, spin)])
 
 
 def random_motion(rng: np.random.Generator, count: int) -> Array:
@@ -330,7 +346,17 @@ def relative_errors(found: Array, truth: Array) -> tuple[float, float]:
     return float(force), float(torque)
 
 
-def study(count: int = 300, seed: int = 0, points: int = FINE) -> list[dict[str, object]]:
+def _kinds(plan: BodyPlan) -> dict[str, int]:
+    """Return the number of one fin of each mirror pair and each single one, by what it is."""
+    return {
+        " ".join(word for word in plan.fins[i].word.split() if word not in ("left", "right")): i
+        for i, *_ in plan.groups
+    }
+
+
+def study(
+    count: int = 300, seed: int = 0, points: int = FINE, plan: BodyPlan = AQUAFISH
+) -> list[dict[str, object]]:
     """Return the errors of the law's rule and of the others, in motions met while swimming.
 
     Parameters
@@ -341,9 +367,11 @@ def study(count: int = 300, seed: int = 0, points: int = FINE) -> list[dict[str,
         They follow from it.
     points
         Of the reference, along each side.
+    plan
+        Of the robots.
     """
-    trials = random_trials(count, seed)
-    nominal = trials._replace(morphologies=np.tile(Morphology.nominal().to_array(), (count, 1)))
+    trials = random_trials(count, seed, plan)
+    nominal = trials._replace(morphologies=np.tile(plan.nominal, (count, 1)))
     any_body, one_body = motions_met(trials), motions_met(nominal)
     records: list[dict[str, object]] = []
 
@@ -353,22 +381,20 @@ def study(count: int = 300, seed: int = 0, points: int = FINE) -> list[dict[str,
             {"part": part, "rule": rule, "points": points, "force": force, "torque": torque}
         )
 
-    for part, (size, motion) in (
-        ("any flipper", any_body.flippers),
-        ("any tail", any_body.tails),
-        ("nominal flipper", one_body.flippers),
-        ("nominal tail", one_body.tails),
-    ):
-        truth = fin_reference(size, motion, points)
-        record(part, "the law's", 4, drag("numba", size, motion), truth)
-        for name, rule, along, across in OTHER_RULES:
-            found = fin_by_rule(size, motion, rule(along), rule(across))
-            record(part, f"{name} {along}x{across}", along * across, found, truth)
-        record(part, SIX_FACES, None, fin_as_box(size, motion, points), truth)
+    for which, met in (("any", any_body), ("nominal", one_body)):
+        for kind, i in _kinds(plan).items():
+            part = f"{which} {kind}"
+            size, motion = met.fins[i]
+            truth = fin_reference(size, motion, points)
+            record(part, "the law's", 4, drag("numba", size, motion), truth)
+            for name, rule, along, across in OTHER_RULES:
+                found = fin_by_rule(size, motion, rule(along), rule(across))
+                record(part, f"{name} {along}x{across}", along * across, found, truth)
+            record(part, SIX_FACES, None, fin_as_box(size, motion, points), truth)
     motion = any_body.bodies
-    truth = body_reference(motion, points)
-    record("body", "the law's", None, body_by_law(motion), truth)
+    truth = body_reference(motion, points, plan)
+    record("body", "the law's", None, body_by_law(motion, plan), truth)
     for strips in STRIPS:
-        found = body_by_strips(motion, even_strips(strips), 1)
+        found = body_by_strips(plan, motion, even_strips(plan.hull, strips), 1)
         record("body", f"{strips} even strips", strips, found, truth)
     return records

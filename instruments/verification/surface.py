@@ -20,10 +20,10 @@ from aquafish_gym.physics.hydrodynamics import (
     NORMAL_DRAG,
     SKIN_FRICTION,
 )
-from aquafish_gym.physics.robot import MOUNT_LENGTH, Robot
-from instruments.verification.momentum import AXES, HINGES, about
-from instruments.verification.paper_robot import MOUNT_WIDTH, MOUNT_X, PECTORAL_Y, RADIUS, ROLL_AREA
-from instruments.verification.quadrature import fine_strips, gauss_rule
+from aquafish_gym.physics.robot import Robot, hull_numbers
+from aquafish_gym.plans import AQUAFISH, BodyPlan
+from instruments.verification.momentum import fin_axes
+from instruments.verification.quadrature import fine_strips, gauss_rule, mount_plates
 
 Array = NDArray[np.float64]
 
@@ -41,29 +41,35 @@ class Surface:
         The power of speed that drag is proportional to; the law's is 2.
     friction
         A factor on the law's skin friction.
+    plan
+        Of the robot.
     """
 
     def __init__(
-        self, robot: Robot, points: int = 12, exponent: float = 2.0, friction: float = 1.0
+        self,
+        robot: Robot,
+        points: int = 12,
+        exponent: float = 2.0,
+        friction: float = 1.0,
+        plan: BodyPlan = AQUAFISH,
     ) -> None:
+        self._plan = plan
         self._power = exponent - 1.0
         self._friction = friction * SKIN_FRICTION
         self._fins = []
-        for i, fin in enumerate(robot.fins):
+        for fin in robot.fins:
             plates = [
                 _plate((fin.width, fin.length, fin.thickness), normal, points)
                 for normal in range(3)
             ]
             at, normals, areas = (np.concatenate(part) for part in zip(*plates, strict=True))
             at[:, 1] -= fin.length / 2
-            if i == 2:  # (width, length, normal) of the tail are the body's (z, y, -x)
-                at, normals = at[:, [2, 1, 0]] * [-1, 1, 1], normals[:, [2, 1, 0]]
             self._fins.append((at, normals, areas))
-        mounts = [_plate((MOUNT_WIDTH, MOUNT_LENGTH, 0.0), 2, points) for _ in range(2)]
-        for x, (at, _, _) in zip((-MOUNT_X, MOUNT_X), mounts, strict=True):
-            at += [x, PECTORAL_Y, 0.0]
-        self._mounts = tuple(np.concatenate(part) for part in zip(*mounts, strict=True))
-        self._strips = fine_strips(2 * points)
+        self._mounts = []
+        for middle, axes, width, length in mount_plates(plan):
+            at, normals, areas = _plate((width, length, 0.0), 2, points)
+            self._mounts.append((middle + at @ axes.T, normals @ axes.T, areas))
+        self._strips = fine_strips(plan.hull, 2 * points)
 
     def wrench(
         self, velocity: Array, spin: Array, angles: Array, rates: Array
@@ -77,18 +83,22 @@ class Surface:
         spin
             (3,) of the body.
         angles, rates
-            (3,) of the hinges.
+            (F,) of the hinges.
         """
-        at, normals, areas = self._mounts
-        places, faces, sizes = [at], [normals], [areas]
-        moving = [velocity + _cross(spin, at)]
-        for i, (at, normals, areas) in enumerate(self._fins):
-            turn = about(AXES[i], angles[i])
-            arm = at @ turn.T
-            places.append(HINGES[i] + arm)
-            faces.append(normals @ turn.T)
+        places, faces, sizes, moving = [], [], [], []
+        for at, normals, areas in self._mounts:
+            places.append(at)
+            faces.append(normals)
             sizes.append(areas)
-            swing = _cross(rates[i] * AXES[i], arm)
+            moving.append(velocity + _cross(spin, at))
+        for i, (at, normals, areas) in enumerate(self._fins):
+            fin = self._plan.fins[i]
+            axes = fin_axes(fin, angles[i])  # of (width, length, normal)
+            arm = at @ axes.T
+            places.append(fin.hinge + arm)
+            faces.append(normals @ axes.T)
+            sizes.append(areas)
+            swing = _cross(rates[i] * np.array(fin.axis), arm)
             moving.append(velocity + _cross(spin, places[-1]) + swing)
         at, v = np.concatenate(places), np.concatenate(moving)
         e, area = np.concatenate(faces), np.concatenate(sizes)
@@ -105,9 +115,9 @@ class Surface:
         speed = (v * v).sum(axis=1) ** (0.5 * self._power)
         force = -0.5 * DENSITY * CROSS_FLOW_DRAG * (areas * speed)[:, None] * v
         total, torque = total + force.sum(axis=0), torque + _moment(at, force).sum(axis=0)
-        axial = 0.5 * DENSITY * AXIAL_DRAG * math.pi * RADIUS**2
+        axial = 0.5 * DENSITY * AXIAL_DRAG * math.pi * self._plan.hull.radius**2
         total[1] -= axial * abs(velocity[1]) ** self._power * velocity[1]
-        rolling = 0.5 * DENSITY * self._friction * ROLL_AREA
+        rolling = 0.5 * DENSITY * self._friction * hull_numbers(self._plan.hull).roll_area
         torque[1] -= rolling * abs(spin[1]) ** self._power * spin[1]
         return total, torque
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import Scenario
 
 STILL = (0.0, 0.0, 0.0)
@@ -18,21 +18,25 @@ STILL = (0.0, 0.0, 0.0)
 class Trials(NamedTuple):
     """B trials of a body, a command and fin angles each."""
 
-    morphologies: NDArray[np.float64]  #: (B, 9)
-    commands: NDArray[np.float64]  #: (B, 3) rev/s, rev/s, Hz
-    fin_angles: NDArray[np.float64]  #: (B, 3) rad
+    morphologies: NDArray[np.float64]  #: (B, S)
+    commands: NDArray[np.float64]  #: (B, F) rev/s or Hz
+    fin_angles: NDArray[np.float64]  #: (B, F) rad: angles, or phases of fins that sweep
+    plan: BodyPlan = AQUAFISH
 
     def rows(self, rows: slice) -> Trials:
         """Return some of them."""
-        return Trials(*(table[rows] for table in self))
+        return Trials(
+            self.morphologies[rows], self.commands[rows], self.fin_angles[rows], self.plan
+        )
 
 
-def random_trials(count: int, seed: int = 0) -> Trials:
+def random_trials(count: int, seed: int = 0, plan: BodyPlan = AQUAFISH) -> Trials:
     """Return trials with bodies, commands and fin angles drawn uniformly over their ranges."""
     rng = np.random.default_rng(seed)
-    bodies = rng.uniform(0, 1, (count, 9)) * AQUAFISH.maxima
-    commands = rng.uniform(AQUAFISH.command_low, AQUAFISH.command_high, (count, 3))
-    return Trials(bodies, commands, rng.uniform(-np.pi, np.pi, (count, 3)))
+    fins = len(plan.fins)
+    bodies = rng.uniform(0, 1, (count, 3 * fins)) * plan.maxima
+    commands = rng.uniform(plan.command_low, plan.command_high, (count, fins))
+    return Trials(bodies, commands, rng.uniform(-np.pi, np.pi, (count, fins)), plan)
 
 
 def lane_batch(

@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
-from aquafish_gym.physics.added_mass import finite_span, plate_inertia, plate_mass
+from aquafish_gym.physics.added_mass import (
+    finite_span,
+    hull_added_mass,
+    plate_inertia,
+    plate_mass,
+)
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.robot import Fin, Robot
+from aquafish_gym.plans import BodyPlan
 from instruments.verification.convergence import INTERVAL, WHAT, path_gaps
-from instruments.verification.momentum import (
-    AXES,
-    HINGES,
-    Momentum,
-    about,
-    inertia_and_swing,
-)
-from instruments.verification.paper_robot import BODY_ADDED_INERTIA, BODY_ADDED_MASS
+from instruments.verification.momentum import Momentum, fin_axes
 from instruments.verification.rk4 import cross, rotation_matrix
 from instruments.verification.trials import Trials, random_trials
 
@@ -43,37 +42,34 @@ def _added_by_plates(fin: Fin) -> Array:
     return found
 
 
-def _fin_axes(which: int, angle: float) -> Array:
-    """Return a fin's width, length and normal axis as the columns of a matrix."""
-    hinge = np.eye(3) if which < 2 else np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
-    axes: Array = about(AXES[which], angle) @ hinge
-    return axes
-
-
 def _skew(v: Array) -> Array:
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def water_inertia_and_swing(robot: Robot, angles: Array, rates: Array) -> tuple[Array, Array]:
+def water_inertia_and_swing(
+    plan: BodyPlan, robot: Robot, angles: Array, rates: Array
+) -> tuple[Array, Array]:
     """Return what ``momentum.inertia_and_swing`` does, of the water that is carried along.
 
     By virtual work: each fin's added masses, in its own frame, seen through the matrix that
     gives its motion from the body's.
     """
-    inertia = np.diag([*BODY_ADDED_MASS, *BODY_ADDED_INERTIA]).astype(np.float64)
+    mass, inertias = hull_added_mass(plan.hull)
+    inertia = np.diag([*mass, *inertias]).astype(np.float64)
     swing = np.zeros(6)
-    for i, fin in enumerate(robot.fins):
-        axes = _fin_axes(i, angles[i])
+    for fin_plan, fin, angle, rate in zip(plan.fins, robot.fins, angles, rates, strict=True):
+        axes = fin_axes(fin_plan, angle)
         arm = -0.5 * fin.length * axes[:, 1]
         to_fin = np.kron(np.eye(2), axes.T)
         moves = to_fin @ np.block(
-            [[np.eye(3), -_skew(HINGES[i] + arm)], [np.zeros((3, 3)), np.eye(3)]]
+            [[np.eye(3), -_skew(fin_plan.hinge + arm)], [np.zeros((3, 3)), np.eye(3)]]
         )
-        of_joint = to_fin @ np.concatenate([cross(AXES[i], arm), AXES[i]])
+        axis = np.array(fin_plan.axis)
+        of_joint = to_fin @ np.concatenate([cross(axis, arm), axis])
         carried = moves.T @ np.diag(_added_by_plates(fin))
         inertia += carried @ moves
-        swing += rates[i] * (carried @ of_joint)
+        swing += rate * (carried @ of_joint)
     return inertia, swing
 
 
@@ -82,46 +78,34 @@ class ReactiveMomentum(Momentum):
 
     Parameters
     ----------
-    robot, command, fin_angles, wet
+    robot, command, fin_angles, wet, plan
         As :class:`~instruments.verification.momentum.Momentum` has them; ``wet=False`` leaves
-        out the drag and what the tail sheds, not the water that is carried along.
+        out the drag and what fins shed that sweep, not the water that is carried along.
     """
 
     def inertia_and_swing(self, t: float) -> tuple[Array, Array]:
         """Return inertia (6, 6) and swing (6,) of robot and water."""
-        angles, rates, _ = self.joints(t)
-        (a, b), (c, d) = (
-            inertia_and_swing(self.robot, angles, rates),
-            water_inertia_and_swing(self.robot, angles, rates),
-        )
+        a, b = super().inertia_and_swing(t)
+        c, d = water_inertia_and_swing(self.plan, self.robot, *self.joints(t))
         return a + c, b + d
-
-    def moving(self, velocity: Array, spin: Array) -> Array:
-        """Return y at the origin, upright, with a velocity (3,) and a spin (3,) at t = 0."""
-        inertia, swing = self.inertia_and_swing(0.0)
-        y = self.at_rest()
-        y[7:] = inertia @ np.concatenate([velocity, spin]) + swing
-        return y
-
-    def velocities(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Return the body's velocity and spin, both in body axes."""
-        inertia, swing = self.inertia_and_swing(t)
-        v = np.asarray(np.linalg.solve(inertia, y[7:] - swing), np.float64)
-        return v[:3], v[3:]
 
     def water(self, t: float, q: Array, velocity: Array, spin: Array) -> tuple[Array, Array]:
         """Return drag's and the shed water's force and torque, in body axes."""
         force, torque = super().water(t, q, velocity, spin)
-        angles, rates, _ = self.joints(t)
-        fin, axes = self.robot.fins[-1], _fin_axes(2, angles[2])
-        along, normal = axes[:, 1], axes[:, 2]
-        arm = -fin.length * along
-        at = HINGES[2] + arm
-        end = rotation_matrix(q).T @ velocity + cross(spin, at) + rates[2] * cross(AXES[2], arm)
-        m = DENSITY * math.pi / 4 * fin.width**2 * finite_span(fin.width, fin.length)
-        u, w = float(end @ along), float(end @ normal)
-        shed = 0.5 * m * w**2 * along - m * max(u, 0.0) * w * normal
-        return force + shed, torque + cross(at, shed)
+        flow = rotation_matrix(q).T @ velocity
+        each = zip(self.plan.fins, self.robot.fins, *self.joints(t), strict=True)
+        for fin_plan, fin, angle, rate in each:
+            if fin_plan.turns:
+                continue
+            _, along, normal = fin_axes(fin_plan, angle).T
+            arm = -fin.length * along
+            at = fin_plan.hinge + arm
+            end = flow + cross(spin, at) + rate * cross(np.array(fin_plan.axis), arm)
+            m = DENSITY * math.pi / 4 * fin.width**2 * finite_span(fin.width, fin.length)
+            u, w = float(end @ along), float(end @ normal)
+            shed = 0.5 * m * w**2 * along - m * max(u, 0.0) * w * normal
+            force, torque = force + shed, torque + cross(at, shed)
+        return force, torque
 
 
 SUBSTEPS = (1, 2, 4, 8)
@@ -129,9 +113,7 @@ SUBSTEPS = (1, 2, 4, 8)
 
 def reactive_reference(trials: Trials, robot: int, samples: int, h: float = TIMESTEP) -> Array:
     """Return position, quaternion and spin (samples, 10) of one robot by RK4."""
-    model = ReactiveMomentum.of(
-        trials.morphologies[robot], trials.commands[robot], trials.fin_angles[robot]
-    )
+    model = ReactiveMomentum.of(trials, robot)
     y, path = model.at_rest(), []
     for i in range(samples):
         y = model.run(y, h, round(INTERVAL / h), i * INTERVAL)
@@ -148,6 +130,7 @@ def scheme_errors(trials: Trials, samples: int) -> list[dict[str, Array]]:
         log = simulate(
             trials.morphologies, trials.commands, trials.fin_angles, steps=samples * every,
             substeps=substeps, dtype="float64", record="pose", reactive=True,
+            plan=trials.plan,
         )  # fmt: skip
         assert log.position is not None
         assert log.quaternion is not None

@@ -6,6 +6,7 @@ the tests that do not apply to some of them, and why.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -14,13 +15,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym.engines.compiled import kernel
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import dynamics
 from aquafish_gym.physics.hydrodynamics import AXIAL_DRAG, DENSITY, NORMAL_DRAG, SKIN_FRICTION
 from aquafish_gym.physics.law import law
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.physics.robot import MOUNT_LENGTH
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.robot import MINIMUM_FIN_MASS, hull_numbers
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from instruments.verification import harness
 from instruments.verification.harness import (
     BACKENDS,
@@ -36,27 +36,27 @@ from instruments.verification.momentum import (
     kinetic_energy,
     total_momentum,
 )
-from instruments.verification.paper_robot import (
-    BODY_MASS,
-    LEAST_FIN_MASS,
-    MOUNT_WIDTH,
-    RADIUS,
-    SWEEP,
-)
+from instruments.verification.paper_robot import SWEEP
+from instruments.verification.quadrature import mount_plates
 from instruments.verification.rk4 import rotation_matrix
-from instruments.verification.trials import random_trials
-from swimmers import SWIMMERS, Swimmer
+from instruments.verification.trials import Trials, random_trials
+from swimmers import OF_OTHER_PLANS, SWIMMERS, Swimmer
+from tests.plans import EACH_PLAN, ODD
 
-NOMINAL = Morphology.nominal().to_array()
-NO_FINS = np.zeros((1, 9))
-LOCKED = np.zeros((1, 3))
-MASS_WITHOUT_FINS = BODY_MASS + 3 * LEAST_FIN_MASS
-# Force per speed squared of the capsule and its mounts along their axis.
-AXIAL = (
-    0.5
-    * DENSITY
-    * (AXIAL_DRAG * math.pi * RADIUS**2 + 2 * 2 * SKIN_FRICTION * MOUNT_WIDTH * MOUNT_LENGTH)
-)
+
+def hull_alone(plan: BodyPlan) -> tuple[np.ndarray, float, float]:
+    """Return a body without fins, (1, S), its mass, and its axial force per speed squared."""
+    count = len(plan.fins)
+    mass = hull_numbers(plan.hull).mass * (1 + count * MINIMUM_FIN_MASS)
+    plates = sum(width * length for _, _, width, length in mount_plates(plan))
+    axial = AXIAL_DRAG * math.pi * plan.hull.radius**2 + 2 * SKIN_FRICTION * plates
+    return np.zeros((1, 3 * count)), mass, 0.5 * DENSITY * axial
+
+
+def locked(plan: BodyPlan) -> np.ndarray:
+    """Return fins of one robot at angle 0, or at speed 0."""
+    return np.zeros((1, len(plan.fins)))
+
 
 # (test, swimmer, reason): what is left out, which no test is silently.
 LEFT_OUT: list[tuple[str, str, str]] = []
@@ -73,20 +73,21 @@ def contract(*needs: str) -> Callable[[Callable[..., None]], Callable[..., None]
                 LEFT_OUT.append((test.__name__, swimmer.name, missing[0]))
                 continue
             marks = [pytest.mark.pybullet] if "pybullet" in swimmer.name else []
+            marks += [pytest.mark.slow] if swimmer in OF_OTHER_PLANS else []
             able.append(pytest.param(swimmer, marks=marks, id=swimmer.name))
         return pytest.mark.parametrize("swimmer", able)(test)
 
     return mark
 
 
-def some_trials(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    trials = random_trials(count, seed)
-    return trials.morphologies, trials.commands, trials.fin_angles
+def some_trials(swimmer: Swimmer, seed: int = 0, count: int | None = None) -> Trials:
+    return random_trials(count or swimmer.robots, seed, swimmer.plan)
 
 
-def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray:
+def moving_rows(trials: Trials, seed: int, speed: float = 1.0) -> np.ndarray:
     """Return robots in any attitude, moving and turning, with their joints still."""
-    rng, rows = np.random.default_rng(seed), layout(AQUAFISH).start(angles)
+    angles = trials.fin_angles
+    rng, rows = np.random.default_rng(seed), layout(trials.plan).start(angles)
     q = rng.normal(size=(4, len(angles)))
     rows[QUATERNION] = q / np.linalg.norm(q, axis=0)
     rows[VELOCITY], rows[SPIN] = speed * rng.normal(size=(2, 3, len(angles)))
@@ -95,10 +96,11 @@ def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray
 
 @contract("short steps", "rigid")
 def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
-    states = layout(AQUAFISH).start(LOCKED)
-    states[VELOCITY] = [[0.0], [2.0], [0.0]]
-    after = swimmer.march(NO_FINS, states, LOCKED, h=1e-3, steps=2000)
-    k = AXIAL / MASS_WITHOUT_FINS
+    still = locked(swimmer.plan)
+    hull, mass, axial = hull_alone(swimmer.plan)
+    states = layout(swimmer.plan).start(still, velocity=(0.0, 2.0, 0.0))
+    after = swimmer.march(hull, states, still, h=1e-3, steps=2000)
+    k = axial / mass
     assert_allclose(after[8], 2.0 / (1 + k * 2.0 * 2.0), rtol=1e-4)
     assert_allclose(after[[7, 9, 10, 11, 12]], 0, atol=1e-6)
 
@@ -106,12 +108,14 @@ def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
 @contract("push")
 def test_a_pushed_capsule_gains_speed_along_a_tanh(swimmer: Swimmer) -> None:
     push = 5.0
-    terminal = math.sqrt(push / AXIAL)
-    states = layout(AQUAFISH).start(LOCKED)
+    still = locked(swimmer.plan)
+    hull, mass, axial = hull_alone(swimmer.plan)
+    terminal = math.sqrt(push / axial)
+    states = layout(swimmer.plan).start(still)
     for steps, tolerance in ((200, 2e-3), (2300, 1e-4)):
         time = 0.01 * steps
-        after = swimmer.march(NO_FINS, states, LOCKED, steps=steps, push=(0.0, push, 0.0))
-        expected = terminal * math.tanh(time * push / (MASS_WITHOUT_FINS * terminal))
+        after = swimmer.march(hull, states, still, steps=steps, push=(0.0, push, 0.0))
+        expected = terminal * math.tanh(time * push / (mass * terminal))
         assert_allclose(after[8], expected, rtol=tolerance)
     assert_allclose(after[8], terminal, rtol=1e-4)
 
@@ -156,17 +160,17 @@ def test_drag_never_gives_power(swimmer: Swimmer) -> None:
 @contract("dry", "short steps")
 def test_without_fluid_momenta_are_kept_to_first_order(swimmer: Swimmer) -> None:
     """Every step solves Newton's and Euler's laws of the whole: the scheme's only error is O(h)."""
-    bodies, commands, angles = some_trials(swimmer.robots)
+    bodies, commands, angles, plan = some_trials(swimmer)
     errors = []
     for h in (0.005, 0.0025):
-        one = swimmer.march(
-            bodies, layout(AQUAFISH).start(angles), commands, h=h, steps=1, wet=False
-        )
+        one = swimmer.march(bodies, layout(plan).start(angles), commands, h=h, steps=1, wet=False)
         end = swimmer.march(bodies, one, commands, h=h, steps=round(2 / h), wet=False)
         changes = [
             [
-                abs(total_momentum(body, after) - total_momentum(body, before)).max(),
-                abs(angular_momentum(body, after) - angular_momentum(body, before)).max(),
+                abs(total_momentum(body, after, plan) - total_momentum(body, before, plan)).max(),
+                abs(
+                    angular_momentum(body, after, plan) - angular_momentum(body, before, plan)
+                ).max(),
             ]
             for body, before, after in zip(bodies, one.T, end.T, strict=True)
         ]
@@ -176,9 +180,11 @@ def test_without_fluid_momenta_are_kept_to_first_order(swimmer: Swimmer) -> None
     assert (errors[1] < 0.6 * errors[0] + 100 * swimmer.rounding).all()
 
 
-def test_without_fluid_rk4_keeps_momenta_to_rounding() -> None:
-    for body, command, fins in zip(*some_trials(3), strict=True):
-        model = Momentum.of(body, command, fins, wet=False)
+@pytest.mark.parametrize("plan", EACH_PLAN)
+def test_without_fluid_rk4_keeps_momenta_to_rounding(plan: BodyPlan) -> None:
+    trials = random_trials(3, 0, plan)
+    for number in range(3 if plan == AQUAFISH else 1):
+        model = Momentum.of(trials, number, wet=False)
         start = model.moving(np.array([0.2, -0.1, 0.3]), np.array([0.5, 1.0, -0.7]))
         end = model.run(start, 0.005, 400)
         for before, after in zip(model.momenta(start), model.momenta(end), strict=True):
@@ -187,51 +193,71 @@ def test_without_fluid_rk4_keeps_momenta_to_rounding() -> None:
 
 @contract("rigid")
 def test_with_joints_locked_in_still_water_energy_never_rises(swimmer: Swimmer) -> None:
-    bodies, _, angles = some_trials(swimmer.robots, seed=3)
-    states = moving_rows(angles, seed=4)
+    trials = some_trials(swimmer, seed=3)
+    bodies, plan = trials.morphologies, trials.plan
+    states = moving_rows(trials, seed=4)
     energies = []
     for _ in range(60):
-        energies.append([kinetic_energy(b, s) for b, s in zip(bodies, states.T, strict=True)])
-        states = swimmer.march(bodies, states, np.zeros((swimmer.robots, 3)), steps=5)
+        energies.append([kinetic_energy(b, s, plan) for b, s in zip(bodies, states.T, strict=True)])
+        states = swimmer.march(bodies, states, 0 * trials.commands, steps=5)
     assert (np.diff(energies, axis=0) <= 20 * swimmer.rounding).all()
     assert (np.array(energies[-1]) < 0.5 * np.array(energies[0])).all()
 
 
 @contract()
 def test_a_robot_with_no_fins_stays_at_rest(swimmer: Swimmer) -> None:
-    command = np.array([[0.5, -0.5, 1.0]])
-    after = swimmer.march(NO_FINS, layout(AQUAFISH).start(LOCKED), command, steps=1000)
+    plan = swimmer.plan
+    hull, _, _ = hull_alone(plan)
+    command = np.where(np.arange(len(plan.fins)) % 2, plan.command_low, plan.command_high)[None]
+    after = swimmer.march(hull, layout(plan).start(locked(plan)), command, steps=1000)
     assert_allclose(after[VELOCITY], 0, atol=1e-5)
     assert_allclose(after[POSITION], 0, atol=1e-4)
 
 
-@contract()
+@contract("mirror")
 def test_a_symmetric_stroke_swims_straight(swimmer: Swimmer) -> None:
-    after = swimmer.march(NOMINAL[None], layout(AQUAFISH).start(np.array([[0.3, 0.3, 0.0]])),
-                          np.array([[0.37, 0.37, 0.0]]), steps=400)  # fmt: skip
-    assert abs(after[9, 0]) + abs(after[10, 0]) > 1e-3, "it moves up or pitches"
+    plan = swimmer.plan
+    bodies, commands, angles = plan.nominal[None], locked(plan), locked(plan)
+    pairs = [group for group in plan.groups if len(group) == 2]
+    for left, _ in pairs:
+        commands[0, left], angles[0, left] = 0.37, 0.3
+    image = mirrored(Trials(bodies, commands, angles, plan), True)
+    for _, right in pairs:
+        commands[0, right], angles[0, right] = image.commands[0, right], image.fin_angles[0, right]
+    after = swimmer.march(bodies, layout(plan).start(angles), commands, steps=400)
+    assert abs(after[[8, 9, 10], 0]).max() > 1e-3, "it moves ahead or up, or pitches"
     assert_allclose(after[[4, 7, 11, 12]], 0, atol=50 * swimmer.rounding)
 
 
-def mirrored(bodies, commands, angles, left_right: bool):  # type: ignore[no-untyped-def]
-    bodies, commands, angles = bodies.copy(), commands.copy(), angles.copy()
-    if left_right:
-        bodies = bodies[:, [3, 4, 5, 0, 1, 2, 6, 7, 8]]
-        commands, angles = commands[:, [1, 0, 2]], angles[:, [1, 0, 2]]
-        angles[:, 2] += math.pi
-    else:
-        commands[:, :2] *= -1
-        angles[:, :2] *= -1
-    return bodies, commands, angles
+def mirrored(trials: Trials, left_right: bool) -> Trials:
+    """Return the mirror images of trials; every fin's axis is x or z.
+
+    A mirror keeps the turns about its own normal, and turns others round.
+    """
+    bodies, commands, angles, plan = trials
+    order = np.arange(len(plan.fins))
+    for one, *other in plan.groups if left_right else ():
+        for each in other:
+            order[[one, each]] = each, one
+    bodies = bodies.reshape(-1, len(order), 3)[:, order].reshape(bodies.shape)
+    commands, angles = commands[:, order], angles[:, order]
+    for i, fin in enumerate(plan.fins):
+        if (fin.axis[0] == 0.0) == left_right:
+            if fin.turns:
+                commands[:, i] *= -1
+                angles[:, i] *= -1
+            else:
+                angles[:, i] += math.pi
+    return Trials(bodies, commands, angles, plan)
 
 
-@contract()
+@contract("mirror")
 @pytest.mark.parametrize("left_right", [True, False], ids=["left-right", "up-down"])
 def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right: bool) -> None:
-    trials = some_trials(swimmer.robots, seed=5)
+    trials = some_trials(swimmer, seed=5)
     paths = []
-    for bodies, commands, angles in (trials, mirrored(*trials, left_right)):
-        paths.append(swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, steps=256))
+    for bodies, commands, angles, plan in (trials, mirrored(trials, left_right)):
+        paths.append(swimmer.march(bodies, layout(plan).start(angles), commands, steps=256))
     flip = np.ones((3, 1))
     flip[0 if left_right else 2] = -1
     scale = 2e3 * swimmer.rounding
@@ -242,9 +268,9 @@ def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right
 
 @contract()
 def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
-    bodies, commands, angles = some_trials(swimmer.robots, seed=6)
+    bodies, commands, angles, plan = some_trials(swimmer, seed=6)
     u = np.array([0.3, -0.2, 0.1])
-    states = layout(AQUAFISH).start(angles)
+    states = layout(plan).start(angles)
     still = swimmer.march(bodies, states, commands, steps=256)
     states[VELOCITY] = u[:, None]
     carried = swimmer.march(bodies, states, commands, steps=256, current=(0.3, -0.2, 0.1))
@@ -256,9 +282,9 @@ def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
 @contract()
 def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
     """A robot that starts elsewhere, turned, swims the same path there, turned."""
-    bodies, commands, angles = some_trials(swimmer.robots, seed=12)
-    here = swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, steps=128)
-    states, q = layout(AQUAFISH).start(angles), np.array([0.5, 0.1, -0.7, 0.5])
+    bodies, commands, angles, plan = some_trials(swimmer, seed=12)
+    here = swimmer.march(bodies, layout(plan).start(angles), commands, steps=128)
+    states, q = layout(plan).start(angles), np.array([0.5, 0.1, -0.7, 0.5])
     states[QUATERNION] = (q / np.linalg.norm(q))[:, None]
     states[POSITION] = [[3.0], [-2.0], [1.0]]
     there = swimmer.march(bodies, states, commands, steps=128)
@@ -270,10 +296,10 @@ def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
 
 @contract("short steps")
 def test_twice_the_speed_at_half_the_step_traces_the_same_path(swimmer: Swimmer) -> None:
-    bodies, commands, angles = some_trials(swimmer.robots, seed=7)
+    bodies, commands, angles, plan = some_trials(swimmer, seed=7)
     commands *= 0.5
-    slow = swimmer.march(bodies, layout(AQUAFISH).start(angles), commands, h=0.01, steps=256)
-    fast = swimmer.march(bodies, layout(AQUAFISH).start(angles), 2 * commands, h=0.005, steps=256)
+    slow = swimmer.march(bodies, layout(plan).start(angles), commands, h=0.01, steps=256)
+    fast = swimmer.march(bodies, layout(plan).start(angles), 2 * commands, h=0.005, steps=256)
     tolerance = 2e3 * swimmer.rounding
     assert_allclose(fast[POSITION], slow[POSITION], atol=tolerance)
     assert_allclose(fast[VELOCITY], 2 * slow[VELOCITY], atol=10 * tolerance)
@@ -316,25 +342,23 @@ def test_only_a_quadratic_law_rows_with_full_turns(swimmer: Swimmer) -> None:
     assert_allclose(linear / samples, 0, atol=20 * swimmer.rounding)
 
 
-@pytest.fixture(scope="module")
-def rk4_ends() -> np.ndarray:
+@functools.cache
+def rk4_ends(plan: BodyPlan) -> np.ndarray:
     """Return where three robots are after 1.28 s, by the momentum form's RK4."""
-    ends = []
-    for body, command, fins in zip(*some_trials(3, seed=8), strict=True):
-        model = Momentum.of(body, command, fins)
-        ends.append(model.run(model.at_rest(), 0.01, 128)[:3])
-    return np.array(ends)
+    trials = random_trials(3, 8, plan)
+    models = [Momentum.of(trials, number) for number in range(3)]
+    return np.array([model.run(model.at_rest(), 0.01, 128)[:3] for model in models])
 
 
 @contract("short steps", "rigid")
-def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer, rk4_ends: np.ndarray) -> None:
-    bodies, commands, angles = some_trials(3, seed=8)
+def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer) -> None:
+    bodies, commands, angles, plan = some_trials(swimmer, seed=8, count=3)
     errors = []
     for h in (0.01, 0.005, 0.0025):
         ends = swimmer.march(
-            bodies, layout(AQUAFISH).start(angles), commands, h=h, steps=round(1.28 / h)
+            bodies, layout(plan).start(angles), commands, h=h, steps=round(1.28 / h)
         )
-        errors.append(np.linalg.norm(ends[POSITION].T - rk4_ends, axis=1))
+        errors.append(np.linalg.norm(ends[POSITION].T - rk4_ends(plan), axis=1))
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     assert_allclose(np.median(orders), 1.0, atol=0.1)
 
@@ -342,20 +366,22 @@ def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer, rk4_ends: 
 @contract("rigid")
 def test_every_swimmer_swims_the_same_from_any_state(swimmer: Swimmer) -> None:
     """Any attitude, velocity, spin, joint angles and rates, in a current."""
-    bodies, commands, angles = some_trials(swimmer.robots, seed=9)
-    bodies[0], bodies[1] = 0, AQUAFISH.maxima
-    states = moving_rows(angles, seed=10, speed=0.5)
-    states[layout(AQUAFISH).rates] = np.random.default_rng(11).uniform(-3, 3, (3, swimmer.robots))
+    trials = some_trials(swimmer, seed=9)
+    bodies, commands, _, plan = trials
+    bodies[0], bodies[1] = 0, plan.maxima
+    states = moving_rows(trials, seed=10, speed=0.5)
+    states[layout(plan).rates] = np.random.default_rng(11).uniform(-3, 3, commands.T.shape)
     current = (0.2, 0.1, -0.3)
     ends = swimmer.march(bodies, states, commands, steps=256, current=current)
-    reference = march("numba", bodies, states, commands, steps=256, current=current)
+    reference = march("numba", bodies, states, commands, steps=256, current=current, plan=plan)
     same = np.sign((ends[QUATERNION] * reference[QUATERNION]).sum(axis=0))
     ends[QUATERNION] *= same  # q and -q are one attitude
-    assert_allclose(ends[:22], reference[:22], atol=1e5 * swimmer.rounding)
+    rows = layout(plan).state_numbers
+    assert_allclose(ends[:rows], reference[:rows], atol=1e5 * swimmer.rounding)
 
 
 def test_float64_lanes_are_plain_python_to_the_last_bit() -> None:
-    bodies, commands, angles = some_trials(5, seed=9)
+    bodies, commands, angles, _ = random_trials(5, seed=9)
     bodies[0], bodies[1] = 0, AQUAFISH.maxima
     ends = [
         march(c, bodies, layout(AQUAFISH).start(angles), commands, steps=256) for c in BACKENDS[:3]
@@ -376,8 +402,9 @@ def test_every_swimmer_answers_most_of_the_contract() -> None:
     for _, name, reason in LEFT_OUT:
         left_out[name] += 1
         assert reason
-    assert all(left_out[s.name] == 0 for s in SWIMMERS if s.name.startswith("backend"))
-    assert max(left_out.values()) <= 11
+    whole = [s.name for s in SWIMMERS if s.name.startswith("backend") and s.plan != ODD]
+    assert all(left_out[name] == 0 for name in whole)
+    assert max(left_out.values()) <= 14
 
 
 if __name__ == "__main__":

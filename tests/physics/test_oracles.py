@@ -7,23 +7,28 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from aquafish_gym.physics.layout import layout, robot_of
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.validation import EngineUnavailableError
 from instruments.verification import mechanics
-from instruments.verification.momentum import inertia_and_swing
+from instruments.verification.momentum import inertia_and_swing, robot_at
 from instruments.verification.mujoco_model import load_mujoco, mujoco_model
 from instruments.verification.mujoco_robot import DryRobot
 from instruments.verification.rk4 import integrate, quaternion_rate, rotation_matrix
 from instruments.verification.trials import random_trials
+from tests.plans import COMPILED_PLANS, PLANS, plans
+
+NOMINAL = Morphology.nominal()
 
 
-@pytest.fixture(scope="module")
-def gaps() -> dict[str, np.ndarray]:
+@pytest.fixture(scope="module", params=COMPILED_PLANS)
+def gaps(request: pytest.FixtureRequest) -> dict[str, np.ndarray]:
     """Return the gaps to MuJoCo, (robots, quantities), of each statement of the motion."""
     pytest.importorskip("mujoco")
-    parts = list(mechanics.compare(robots=2, seed=1))
+    parts = list(mechanics.compare(robots=2, seed=1, plan=request.param))
     return {name: np.array([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -47,15 +52,17 @@ def test_without_water_the_scheme_tends_to_nothing_but_mujocos_motion(gaps: dict
     assert (gaps[mechanics.EXTRAPOLATED] < finest / 100).all()
 
 
-def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
+@settings(deadline=None, max_examples=15)
+@given(plan=st.sampled_from(PLANS) | plans())
+def test_mujocos_inertia_matrix_is_the_momentum_forms(plan: BodyPlan) -> None:
     mujoco = pytest.importorskip("mujoco")
-    trials = random_trials(5, seed=2)
-    trials.morphologies[0], trials.morphologies[1] = 0.0, AQUAFISH.maxima
+    bodies = random_trials(3, 2, plan).morphologies
+    bodies[0], bodies[1] = 0.0, plan.maxima
     rng = np.random.default_rng(3)
-    for body in trials.morphologies:
-        model = mujoco_model(body)
+    for body in bodies:
+        model = mujoco_model(Morphology.from_array(body, plan))
         data = mujoco.MjData(model)
-        angles = rng.uniform(-np.pi, np.pi, 3)
+        angles = rng.uniform(-np.pi, np.pi, len(plan.fins))
         data.qpos[7:] = angles
         mujoco.mj_fwdPosition(model, data)
         rows = []
@@ -63,14 +70,13 @@ def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
             product = np.empty(model.nv)
             mujoco.mj_mulM(model, data, product, unit)
             rows.append(product[:6])
-        robot = robot_of(layout(AQUAFISH).robots(body[None])[:, 0].tolist())
-        inertia, _ = inertia_and_swing(robot, angles, np.zeros(3))
-        np.testing.assert_allclose(rows, inertia, atol=1e-12)
+        inertia, _ = inertia_and_swing(plan, robot_at(plan, body), angles, 0 * angles)
+        np.testing.assert_allclose(rows, inertia, atol=1e-11)
 
 
 def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    for use in (load_mujoco, mujoco_model, lambda: DryRobot(None, np.zeros(3), np.zeros(3))):
+    for use in (load_mujoco, mujoco_model, lambda: DryRobot(NOMINAL, np.zeros(3), np.zeros(3))):
         with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[mujoco\]"'):
             use()
 

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
+from aquafish_gym.physics.robot import hull_numbers
+from aquafish_gym.plans import BodyPlan
 from instruments.verification.harness import drag
 from instruments.verification.momentum import Momentum
-from instruments.verification.paper_robot import CAPSULE_STATIONS, CYLINDER, RADIUS
 from instruments.verification.quadrature import (
     body_by_law,
     body_reference,
     fin_as_box,
     fin_by_rule,
     fin_reference,
+    fine_strips,
     gauss_rule,
     midpoint_rule,
     motions_met,
@@ -23,6 +25,7 @@ from instruments.verification.quadrature import (
 )
 from instruments.verification.surface import Surface
 from instruments.verification.trials import random_trials
+from tests.plans import COMPILED_PLANS, EACH_PLAN
 
 SIZES = {
     "any fin": lambda rng: rng.uniform(0, [1, 2, 0.5], (200, 3)).T,
@@ -40,10 +43,11 @@ def test_the_laws_points_are_within_one_percent_in_wild_motion(fin: str) -> None
     assert 0 < torque < 0.01
 
 
-def test_the_laws_points_are_within_two_percent_as_met_while_swimming() -> None:
-    met = motions_met(random_trials(60))
-    pairs = [(drag("numba", *fin), fin_reference(*fin, 24)) for fin in (met.flippers, met.tails)]
-    pairs.append((body_by_law(met.bodies), body_reference(met.bodies, 24)))
+@pytest.mark.parametrize("plan", COMPILED_PLANS)
+def test_the_laws_points_are_within_two_percent_as_met_while_swimming(plan: BodyPlan) -> None:
+    met = motions_met(random_trials(60, plan=plan))
+    pairs = [(drag("numba", *fin), fin_reference(*fin, 24)) for fin in met.fins]
+    pairs.append((body_by_law(met.bodies, plan), body_reference(met.bodies, 24, plan)))
     for found, truth in pairs:
         assert max(relative_errors(found, truth)) < 0.02
 
@@ -87,30 +91,24 @@ def test_a_box_in_straight_flow_is_its_plates() -> None:
     np.testing.assert_allclose(found[:3], plates[:3], rtol=1e-12)
 
 
-def test_the_stations_are_those_of_gauss() -> None:
+@pytest.mark.parametrize("plan", EACH_PLAN)
+def test_the_stations_are_those_of_gauss(plan: BodyPlan) -> None:
     """Five are exact for polynomials up to degree 9, and there is one such rule."""
-    node, weight = np.polynomial.legendre.leggauss(40)
-    half = CYLINDER / 4 * (node + 1)  # places on the fore half of the cylinder, and of the cap
-    angle = np.pi / 4 * (node + 1)
-    place = np.append(half, CYLINDER / 2 + RADIUS * np.sin(angle))
-    diameter = 2 * RADIUS * np.append(np.ones(40), np.cos(angle))
-    length = np.append(CYLINDER / 4 * weight, np.pi / 4 * weight * RADIUS * np.cos(angle))
-    (middle, at_middle), *fore = CAPSULE_STATIONS
+    y, areas = fine_strips(plan.hull)
+    (middle, at_middle), *fore = hull_numbers(plan.hull).stations
     assert middle == 0.0
     for degree in (0, 2, 4, 6, 8):  # the odd ones vanish
-        found = at_middle * middle**degree + sum(2 * width * y**degree for y, width in fore)
-        assert found == pytest.approx(2 * (length * diameter) @ place**degree, rel=1e-7)
+        found = at_middle * middle**degree + sum(2 * width * at**degree for at, width in fore)
+        assert found == pytest.approx(areas @ y**degree, rel=1e-7)
 
 
-@pytest.mark.parametrize("robot", range(4))
-def test_the_wrench_is_that_of_the_whole_surface(robot: int) -> None:
+@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("plan", COMPILED_PLANS)
+def test_the_wrench_is_that_of_the_whole_surface(plan: BodyPlan, number: int) -> None:
     """Stated anew in body axes, point by point: frames, levers and signs are the same."""
-    trials = random_trials(4, seed=5)
-    model = Momentum.of(
-        trials.morphologies[robot], trials.commands[robot], trials.fin_angles[robot]
-    )
-    surface = Surface(model.robot)
-    rng = np.random.default_rng(robot)
+    model = Momentum.of(random_trials(4, 5, plan), number)
+    surface = Surface(model.robot, plan=plan)
+    rng = np.random.default_rng(number)
     few, whole = [], []
     for time in np.linspace(0, 3, 40):
         q = rng.normal(size=4)

@@ -17,9 +17,11 @@ from instruments.verification.tail_swims import (
     steady_swims,
     turns_per_beat,
 )
+from instruments.verification.trials import Trials
 from instruments.verification.water_momentum import ReactiveMomentum
 
 THIN = NAMED["thin tail alone"]
+STILL = np.zeros((1, 3))
 
 
 def test_the_exponent_of_a_power_law_is_exact() -> None:
@@ -49,12 +51,13 @@ def test_commands_give_the_tail_its_angle(amplitude: int, bias: int) -> None:
 class _Prescribed:
     """Mix in a tail whose angle is 5 + 20 sin(2 pi t) degrees."""
 
-    def joints(self, t: float) -> tuple[np.ndarray, np.ndarray, float]:
+    def phases(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         turn = 2 * math.pi * t
         angle = math.radians(5 + 20 * math.sin(turn))
         rate = math.radians(20) * 2 * math.pi * math.cos(turn)
-        rates = np.array([0.0, 0.0, rate])
-        return np.array([0.0, 0.0, angle]), rates, math.asin(angle / SWEEP)
+        phase = math.asin(angle / SWEEP)
+        speed = rate / (SWEEP * math.cos(phase))
+        return np.array([0.0, 0.0, phase]), np.array([0.0, 0.0, speed])
 
 
 class _Drag(_Prescribed, Momentum):
@@ -67,7 +70,7 @@ class _Reactive(_Prescribed, ReactiveMomentum):
 
 @pytest.mark.parametrize("reactive", [False, True], ids=["drag", "reactive"])
 def test_swims_at_any_amplitude_and_bias_equal_the_momentum_form(reactive: bool) -> None:
-    model = (_Reactive if reactive else _Drag).of(THIN, np.zeros(3), np.zeros(3))
+    model = (_Reactive if reactive else _Drag).of(Trials(THIN[None], STILL, STILL), 0)
     truth = model.run(model.at_rest(), 0.01, 200)[:3]
     errors = []
     for substeps in (8, 16):
