@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.tasks import TASKS, ReturnToBuoys, Step, SwimForward
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 
 COUNT = 3
 MODES = list(AutoresetMode)
@@ -19,7 +20,6 @@ THIN = (1.0, 2.0, 0.0, 0.0, 2.0, 0.5, 0.5, 0.0, 0.0)
 ROUGH = (20.0, 20.0, 20.0)
 BEFORE_DIVERGING_SEED = 9
 
-fins = st.sampled_from(["left_pectoral", "right_pectoral", "caudal"])
 channels = st.sampled_from(["up_x", "north_y", "gyro_x", "gyro_z"])
 shares = st.sampled_from([0.3, 0.5, 0.8])
 late = st.sampled_from([1.3, 2.0, 3.0])  # time steps
@@ -74,13 +74,14 @@ class Scene:
             found[..., -1] = 1.0  # by the tail
             found[:, -1, -1] = -1.0
         elif self.steers == "steadily":
-            found[:] = [0.3, 0.5, 0.9]
+            found[:] = [0.3, 0.5, 0.9, 0.7][: self.size]
         return found.astype(np.float32)
 
 
 @st.composite
-def damages(draw: st.DrawFn, dt: float, limit: int) -> str:
+def damages(draw: st.DrawFn, dt: float, limit: int, plan: BodyPlan = AQUAFISH) -> str:
     """Return damage of one robot, whose faults begin before an episode of some steps ends."""
+    fins = st.sampled_from(plan.names)
     step = st.sampled_from([0.0, 1.0, 1.6, limit - 1.0])
     found = []
     for _ in range(draw(st.integers(0, 3))):
@@ -118,9 +119,16 @@ def damages(draw: st.DrawFn, dt: float, limit: int) -> str:
 
 
 @st.composite
-def scenes(draw: st.DrawFn, end: str = "time", mode: AutoresetMode | None = None) -> Scene:
+def scenes(
+    draw: st.DrawFn,
+    end: str = "time",
+    mode: AutoresetMode | None = None,
+    plan: BodyPlan = AQUAFISH,
+) -> Scene:
     """Return what robots swim; ``end`` is how their episodes end."""
-    task = draw(st.sampled_from(ENDS[end]))
+    fins = len(plan.fins)
+    tasks = [task for task in ENDS[end] if plan == AQUAFISH or task is not NEAR]
+    task = draw(st.sampled_from(tasks))
     near = task is NEAR
     hold = 20 if near or end == "divergence" else draw(st.sampled_from([5, 20, 50]))
     limit = 30 if near else draw(st.integers(2, 6))
@@ -132,44 +140,44 @@ def scenes(draw: st.DrawFn, end: str = "time", mode: AutoresetMode | None = None
     current = st.just((0.0, 0.0, 0.0)) if own else st.sampled_from([(0.0,) * 3, (0.1, -0.2, 0.05)])
     options = {
         "task": task,
-        "fin_angles": draw(st.sampled_from(["random", (0.1, -0.2, 0.3)])),
+        "fin_angles": draw(st.sampled_from(["random", (0.1, -0.2, 0.3, 0.4)[:fins]])),
         "observe_fins": draw(st.sampled_from([False, True, "reckoned"])),
         "current": draw(current),
         "reactive": end != "divergence" and draw(st.booleans()),
         "frame_skip": hold,
+        "plan": plan,
         **more,
     }
     if end == "divergence":
         options |= {"morphology": THIN, "current": ROUGH, "fin_angles": "random"}
     whole = end == "divergence"
-    broken = ["none" if whole else draw(damages(hold / 100, limit)) for _ in range(COUNT)]
+    broken = ["none" if whole else draw(damages(hold / 100, limit, plan)) for _ in range(COUNT)]
     seed = BEFORE_DIVERGING_SEED if whole else draw(st.integers(0, 1000))
     steers = "to the buoys" if near else "steadily" if whole else "at random"
     mode = mode or draw(st.sampled_from(MODES))
-    return Scene(options, tuple(broken), mode, limit, seed, steers)
-
-
-CHANNELS = {
-    "left_pectoral": "action_0", "right_pectoral": "action_1", "caudal": "action_2",
-    "up_x": "observation_0", "north_y": "observation_4", "gyro_z": "observation_8",
-}  # fmt: skip
+    return Scene(options, tuple(broken), mode, limit, seed, steers, fins)
 
 
 @st.composite
-def damages_of_channels(draw: st.DrawFn, dt: float, limit: int) -> tuple[str, str]:
+def damages_of_channels(draw: st.DrawFn, dt: float, limit: int, plan: BodyPlan) -> tuple[str, str]:
     """Return damage of one robot, and the same in the names of channels of any environment."""
+    turns = [fin.name for fin in plan.fins if fin.turns]
+    names_of_channels = {
+        **{name: f"action_{i}" for i, name in enumerate(plan.names)},
+        "up_x": "observation_0", "north_y": "observation_4", "gyro_z": "observation_8",
+    }  # fmt: skip
     found = []
     for _ in range(draw(st.integers(0, 3))):
-        part = draw(st.sampled_from(list(CHANNELS)))
+        part = draw(st.sampled_from(list(names_of_channels)))
         lateness = f"{draw(late) * dt:.4g}"
         words = [f"delay={lateness}", f"hold={lateness}"]
-        if "obs" in CHANNELS[part]:
+        if "obs" in names_of_channels[part]:
             words += ["scale=0.5", "stuck", "dropped", "bias=0.4"]
         else:
             words += ["dead"]
         if "gyro" in part:
             words += ["bias=40"]  # beyond its range
-        if "pectoral" in part:  # the tail's servo stops at another action than 0
+        if part in turns:  # the servo of one that sweeps stops at another action than 0
             words += ["scale=0.5", "weak=0.5", "reversed"]
         onset = draw(st.sampled_from([0.0, 1.0, 1.6, limit - 1.0])) * dt
         until = draw(st.sampled_from(["", f"+{2 * dt:.4g}"]))
@@ -177,5 +185,5 @@ def damages_of_channels(draw: st.DrawFn, dt: float, limit: int) -> tuple[str, st
     # A servo whose motor is dead from the start stands at any angle, and a seized one at its own.
     names = {"dead": "seized"}
     built_in = "; ".join(f"{part}:{names.get(word, word)}{time}" for part, word, time in found)
-    channels = "; ".join(f"{CHANNELS[part]}:{word}{time}" for part, word, time in found)
+    channels = "; ".join(f"{names_of_channels[part]}:{word}{time}" for part, word, time in found)
     return built_in or "none", channels or "none"

@@ -23,17 +23,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym import FaultWrapper, VectorFaultWrapper
+from aquafish_gym.command import still_action
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.envs.autoreset import AutoresetMode
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
 from tests.comparing import assert_overwritten, assert_same, overwrite
 from tests.contract.scenes import COUNT, ENDS, MODES, Scene, damages_of_channels, scenes
 from tests.envs.fault_fakes import Echo, random_damages
 from tests.envs.tensor_robots import Arms, array_of
+from tests.plans import COMPILED_PLANS
 
 NAME = "AquaFish-v0"
-END = pytest.mark.parametrize("end", ENDS)
 EXAMPLES = settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
-NEUTRAL = [0.0, 0.0, -1.0]
+PLAN = pytest.mark.parametrize("plan", COMPILED_PLANS[:3])
 Comparer = Callable[[Any, Any], None]
 
 
@@ -92,12 +94,23 @@ def assert_faces_agree(
     return ends
 
 
-@END
+@pytest.mark.parametrize(
+    ("plan", "end"),
+    [
+        *((AQUAFISH, end) for end in ENDS),
+        *(
+            pytest.param(plan, end, marks=pytest.mark.slow)
+            for plan in (FOUR_FINS, TAIL_FISH)
+            for end in ("time", "success")  # no body of theirs diverges
+        ),
+    ],
+    ids=lambda one: getattr(one, "name", one),
+)
 @EXAMPLES
 @given(st.data())
-def test_a_batch_is_its_single_robots(end: str, data: st.DataObject) -> None:
+def test_a_batch_is_its_single_robots(end: str, plan: BodyPlan, data: st.DataObject) -> None:
     """To the last bit, in each autoreset mode."""
-    scene = data.draw(scenes(end))
+    scene = data.draw(scenes(end, plan=plan))
     assert assert_faces_agree(batch(scene), singles(scene), scene) > 0
 
 
@@ -125,11 +138,13 @@ def test_a_copy_continues_as_the_original(dtype: str, scene: Scene, pickled: boo
     assert_faces_agree(batch(scene, dtype=dtype), batch(scene, dtype=dtype), scene, turned=copied)
 
 
+@PLAN
 @pytest.mark.pybullet
 @settings(EXAMPLES, max_examples=5)
-@given(scene=scenes())
-def test_both_engines_are_the_same(scene: Scene) -> None:
+@given(data=st.data())
+def test_both_engines_are_the_same(plan: BodyPlan, data: st.DataObject) -> None:
     """A batch on PyBullet is its single robots, which are those of the other engine to 2e-6."""
+    scene = data.draw(scenes(plan=plan))
     scene = replace(scene, damages=tuple(d if "noise" not in d else "none" for d in scene.damages))
     bullet = batch(scene, engine="pybullet")
     nearly = partial(assert_same, atol=1e-12)
@@ -166,16 +181,20 @@ def test_a_batch_in_stable_baselines3_is_its_own(scene: Scene) -> None:
     assert ends > 0
 
 
+@PLAN
 @EXAMPLES
-@given(st.data())
-def test_a_wrapper_breaks_what_the_robots_own_damage_breaks(data: st.DataObject) -> None:
+@given(data=st.data())
+def test_a_wrapper_breaks_what_the_robots_own_damage_breaks(
+    plan: BodyPlan, data: st.DataObject
+) -> None:
     """Around a batch and around single robots."""
-    scene = data.draw(scenes())
+    scene = data.draw(scenes(plan=plan))
+    neutral = list(still_action(plan))
     # Reckoned fins are those of the actions that the robot was given.
     scene.options["observe_fins"] = bool(scene.options["observe_fins"])
     dt = scene.options["frame_skip"] / 100
     built_in, channels = zip(
-        *(data.draw(damages_of_channels(dt, scene.limit)) for _ in range(COUNT)), strict=True
+        *(data.draw(damages_of_channels(dt, scene.limit, plan)) for _ in range(COUNT)), strict=True
     )
     whole, broken = replace(scene, damages=("none",) * COUNT), replace(scene, damages=built_in)
 
@@ -193,10 +212,10 @@ def test_a_wrapper_breaks_what_the_robots_own_damage_breaks(data: st.DataObject)
                 mine, other = (info[-1]["final_info"][name][ended] for info in (found, want))
                 assert_same(mine, other)
 
-    one = VectorFaultWrapper(batch(whole), list(channels), neutral=NEUTRAL)
+    one = VectorFaultWrapper(batch(whole), list(channels), neutral=neutral)
     assert_faces_agree(one, batch(broken), scene, same)
     makers = [
-        lambda d=d: FaultWrapper(single(whole, "none", "numba"), d, neutral=NEUTRAL)
+        lambda d=d: FaultWrapper(single(whole, "none", "numba"), d, neutral=neutral)
         for d in channels
     ]
     two = SyncVectorEnv(makers, autoreset_mode=scene.mode)

@@ -22,23 +22,27 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import check_task
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from tests.contract.scenes import damages
+from tests.plans import COMPILED_PLANS
 
 HOLD, STEPS = 20, 12
 ENGINES = ["numba", "pybullet"] if importlib.util.find_spec("pybullet") else ["numba"]
 
-# Whatever is drawn at a reset, an environment draws.
-texts = damages(HOLD / 100, STEPS).filter(lambda text: not re.search("random|dead", text))
-scenes = st.fixed_dictionaries(
-    {
-        "damage": texts,
-        "current": st.sampled_from([(0.0, 0.0, 0.0), (0.1, -0.2, 0.05)]),
-        "reactive": st.booleans(),
-    }
-)
+
+def scenes(plan: BodyPlan) -> st.SearchStrategy[dict[str, Any]]:
+    # Whatever is drawn at a reset, an environment draws.
+    texts = damages(HOLD / 100, STEPS, plan).filter(lambda text: not re.search("random|dead", text))
+    return st.fixed_dictionaries(
+        {
+            "damage": texts,
+            "current": st.sampled_from([(0.0, 0.0, 0.0), (0.1, -0.2, 0.05)]),
+            "reactive": st.booleans(),
+            "plan": st.just(plan),
+        }
+    )
 
 
 def late_scenario(scenario: Scenario, lag: float) -> Scenario:
@@ -54,7 +58,9 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
 
     Then what those robots' gyroscopes would say, (STEPS x HOLD, 3), if they were whole.
     """
-    actions = np.random.default_rng(seed).uniform(-1, 1, (STEPS, 3)).astype(np.float32)
+    plan = scene["plan"]
+    actions = np.random.default_rng(seed).uniform(-1, 1, (STEPS, len(plan.fins)))
+    actions = actions.astype(np.float32)
     own = task in ("station", "return")  # these tasks have a current of their own
     current = (0.0, 0.0, 0.0) if own else scene["current"]
     options = {**scene, "current": current, "task": task, "fin_angles": "random"}
@@ -71,8 +77,9 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     if "noise" in scene["damage"]:
         return [found, late, swum]
     whole = Scenario.create(
-        fin_angles=info["fin_angles"][None], current=[current], reactive=scene["reactive"]
-    )
+        fin_angles=info["fin_angles"][None], current=[current], reactive=scene["reactive"],
+        plan=plan,
+    )  # fmt: skip
     robot = Damage.coerce(scene["damage"] or None).edit(whole, HOLD)
 
     def roll(robot: Scenario, engine: str) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +106,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
     for engine in ENGINES:
         late[f"rollout, {engine}"], swum[f"rollout, {engine}"] = roll(slow, engine)
         if not own and not slow.is_late:
-            series = scale_action(AQUAFISH, actions)[None]
+            series = scale_action(plan, actions)[None]
             log = simulate_scenario(
                 slow, series, STEPS * HOLD, engine, "float64", record="gyro", interval=HOLD
             )
@@ -108,11 +115,13 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
 
 
 @pytest.mark.parametrize("task", ["forward", "station", "waypoint", "return"])
+@pytest.mark.parametrize("plan", COMPILED_PLANS[:3])
 @settings(max_examples=12)
-@given(scene=scenes, lag=st.floats(0.001, 0.3), seed=st.integers(0, 1000))
+@given(data=st.data(), lag=st.floats(0.001, 0.3), seed=st.integers(0, 1000))
 def test_a_rollout_observes_what_an_environment_does(
-    task: str, scene: dict[str, Any], lag: float, seed: int
+    plan: BodyPlan, task: str, data: st.DataObject, lag: float, seed: int
 ) -> None:
+    scene = data.draw(scenes(plan))
     found, late, swum = streams(scene, task, lag, seed)
     assert np.ptp(found["single"], axis=0).max() > 0.01  # it swims
     for faces, atol in ((found, 2e-6), (late, 2e-6), (swum, 1e-8)):

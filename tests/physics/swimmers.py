@@ -114,7 +114,7 @@ class Lanes(Swimmer):
         self.rounding = rounding
         self.reactive = reactive
         if reactive:
-            self.cannot = {**_COMPILED, "rigid": "it carries water along"}  # type: ignore[misc]
+            self.cannot = {**self.cannot, "rigid": "it carries water along"}  # type: ignore[misc]
 
     def _march(self, bodies, states, commands, h, steps, current, *_):  # type: ignore[no-untyped-def]
         substeps = round(TIMESTEP / h)
