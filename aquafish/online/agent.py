@@ -56,7 +56,7 @@ class SelfModelAgent:
     teachers
         Two policies that are given what broke, for the water that the self-model knows and for any
         other; or none. They stand beside the library. None are the packaged ones beside the
-        packaged library, and none beside another.
+        packaged library of the paper's fish, and none beside another.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class SelfModelAgent:
         self._phase: Phase | None = None  # before ``begin``
         gaits = load_library(robot.plan) if library is None else library
         self.library = check_library(gaits, robot.plan, hold)
-        self.teachers = check_teachers(teachers, library is None, hold)
+        self.teachers = check_teachers(teachers, library is None, robot.plan, hold)
 
     @property
     def config(self) -> AgentConfig:

@@ -11,11 +11,19 @@ import base64
 import binascii
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
+from aquafish_gym.plans import (
+    AQUAFISH,
+    BodyPlan,
+    check_plan,
+    check_same_plan,
+    plan_document,
+)
 from aquafish_gym.utils.storage import read_document, read_packaged, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -26,41 +34,36 @@ from aquafish_gym.utils.validation import (
     sequence,
 )
 from gait.controllers.dense import Singles
+from gait.controllers.network import Senses
 
 TEACHER_SCHEMA = "aquafish.teacher/1"
 INTERVAL = 20  # steps of 0.01 s that an action is held
-#: Shapes of the weights: ``w`` (out, in) and ``b`` (out,) of each layer.
-SHAPES: dict[str, tuple[int, ...]] = {
-    "w0": (128, 35),
-    "b0": (128,),
-    "w1": (64, 128),
-    "b1": (64,),
-    "w2": (3, 64),
-    "b2": (3,),
-}
-PRIVILEGED = 12  # the last inputs, which are constant in a swim: nine sizes and three servo gains
-SENSED = 17  # the first inputs, which are those of the library's first gait
+HIDDEN = (128, 64)  # nodes
+SENSES = Senses(fins=True)  # of the library's first gait
 _LARGEST_WEIGHT = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True, eq=False)
 class Teacher:
-    """A network with the layers 35, 128, 64, 3 and exponential linear units, given what broke.
+    """A network with hidden layers of 128 and 64 exponential linear units, given what broke.
 
-    Its inputs are, in this order: the directions up and north in body axes (6); the gyroscope times
-    0.5, clipped to [-1, 1] (3); sine and cosine of a clock of 0.7 Hz (2); sine and cosine of the
-    three fin angles (6); the previous action (3); the clipped action of the library's first gait
-    for these 17 inputs (3); the nine sizes relative to the nominal ones minus 1; the servo gains
-    minus 1 (3). The output, clipped to [-1, 1], is the action, which is held for 0.2 s.
+    Its inputs are, in this order, for a plan of F fins and S sizes: the directions up and north in
+    body axes (6); the gyroscope times 0.5, clipped to [-1, 1] (3); sine and cosine of the clock of
+    the library's first gait (2); sine and cosine of each fin angle (2 F); the previous action (F);
+    the clipped action of that gait for the inputs before the previous action (F); the sizes
+    relative to the nominal ones minus 1 (S); the servo gains minus 1 (F). The output, clipped to
+    [-1, 1], is the action (F,), which is held for 0.2 s.
 
     Parameters
     ----------
     weights
-        Arrays of the shapes in ``SHAPES``.
+        Arrays of the shapes of :func:`shapes_of`.
     offline
         What its training took: simulated robot ``steps`` of 0.01 s, and CPU ``seconds``.
     curve
         [actions of all robots, mean return of their last episodes] in training.
+    plan
+        Of the robots.
 
     Raises
     ------
@@ -71,15 +74,17 @@ class Teacher:
     weights: dict[str, Singles]
     offline: dict[str, float]
     curve: Sequence[Sequence[float]] = ()
+    plan: BodyPlan = AQUAFISH
 
     def __post_init__(self) -> None:
         given = instance("weights", self.weights, dict)
-        _check_names("weights", given, SHAPES)
+        shapes = shapes_of(instance("plan", self.plan, BodyPlan))
+        _check_names("weights", given, shapes)
         weights = {
             name: finite_array(
                 f"weights[{name!r}]", given[name], shape, -_LARGEST_WEIGHT, _LARGEST_WEIGHT
             ).astype(np.float32)
-            for name, shape in SHAPES.items()
+            for name, shape in shapes.items()
         }
         offline = instance("offline", self.offline, dict)
         _check_names("offline", offline, ("steps", "seconds"))
@@ -116,20 +121,39 @@ class Teacher:
     @classmethod
     def _from_document(cls, name: str, document: dict[str, Any]) -> Self:
         try:
+            plan = check_plan(document.pop("plan", AQUAFISH))
             _check_names("fields", document, ("offline", "curve", "weights"))
-            weights = decode_weights(document["weights"], SHAPES)
-            return cls(weights, document["offline"], document["curve"])
+            weights = decode_weights(document["weights"], shapes_of(plan))
+            return cls(weights, document["offline"], document["curve"], plan)
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"teacher: {name}: {error}") from None
 
     def save(self, path: Path | str) -> None:
         """Write a file of some 35 KB: the weights in half precision, as base64."""
         document = {
+            **({} if self.plan == AQUAFISH else {"plan": plan_document(self.plan)}),
             "offline": self.offline,
             "curve": self.curve,
             "weights": encode_weights(self.weights),
         }
         write_document(file_path("path", path), document, TEACHER_SCHEMA)
+
+
+def shapes_of(plan: BodyPlan) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of a plan's weights: ``w`` (out, in) and ``b`` (out,) of each layer."""
+    fins = len(plan.fins)
+    sensed = len(SENSES.names)
+    layers = (sensed + 2 * fins + privileged(plan), *HIDDEN, fins)
+    shapes: dict[str, tuple[int, ...]] = {}
+    for i, (before, nodes) in enumerate(pairwise(layers)):
+        shapes[f"w{i}"] = (nodes, before)
+        shapes[f"b{i}"] = (nodes,)
+    return shapes
+
+
+def privileged(plan: BodyPlan) -> int:
+    """Return how many of the inputs, the last, are constant in a swim: sizes and servo gains."""
+    return len(plan.dimensions) + len(plan.fins)
 
 
 def encode_weights(weights: Mapping[str, Singles]) -> dict[str, str]:
@@ -173,10 +197,14 @@ def _decoded(name: str, text: object, shape: tuple[int, ...]) -> Singles:
 
 
 def check_teachers(
-    teachers: object, packaged: bool, hold: int
+    teachers: object, packaged: bool, plan: BodyPlan, hold: int
 ) -> tuple[Teacher, Teacher] | tuple[()]:
-    """Return the teachers beside a library, which may be the packaged one."""
+    """Return the teachers beside a plan's library, which may be the packaged one.
+
+    They are packaged for the paper's fish.
+    """
     if teachers is None:
+        packaged = packaged and plan == AQUAFISH
         return (Teacher.load(), Teacher.load_any_water()) if packaged else ()
     given = sequence("teachers", teachers)
     if not len(given):
@@ -188,4 +216,6 @@ def check_teachers(
     if hold != INTERVAL:
         raise InvalidArgumentError(f"teachers need a hold of {INTERVAL} steps; got {hold}")
     known, foreign = (instance("teachers", one, Teacher) for one in given)
+    for one in (known, foreign):
+        check_same_plan("teachers", one.plan, plan)
     return known, foreign

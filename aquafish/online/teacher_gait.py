@@ -1,4 +1,4 @@
-"""Gaits of a teacher: its network and seven numbers, imagined, refined, and swum."""
+"""Gaits of a teacher: its network and a few numbers, imagined, refined, and swum."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from aquafish.online import thresholds
 from aquafish.online.gaits import NORTHING, Effort, Search, load_library
-from aquafish.online.teacher import INTERVAL, PRIVILEGED, SENSED, Teacher
+from aquafish.online.teacher import HIDDEN, INTERVAL, SENSES, Teacher, privileged
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
-from aquafish_gym.physics.layout import FIELDS, JOINTS
-from aquafish_gym.plans import AQUAFISH
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.plans import BodyPlan
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import up_and_north
 from aquafish_gym.utils.array_types import Floats
+from gait.controllers.controller import Controller
 from gait.controllers.dense import (
     EXPONENTIAL_LINEAR,
     HYPERBOLIC_TANGENT,
@@ -38,16 +38,19 @@ from gait.controllers.network import observe_imu
 from gait.search.cma import evolution_strategy
 from gait.swims.scores import penalize_diverged
 
-CLOCK = 0.7  # Hz, that of the library's first gait
-_PHASE = 6  # of the numbers
-_FIN_ROWS = [
-    JOINTS + 2 * fin + at for fin in range(len(AQUAFISH.fins)) for at in (1, 0)
-]  # sine, then cosine
+
+def number_scales(plan: BodyPlan) -> Floats:
+    """Return the standard deviations (F + 4,) of the numbers of a teacher's gait.
+
+    They are an offset of each action, and the others of ``thresholds.TEACHER_NUMBER_SCALES``.
+    """
+    offset, *others = thresholds.TEACHER_NUMBER_SCALES
+    return np.array([offset] * len(plan.fins) + others)
 
 
 @dataclass(frozen=True, eq=False)
 class TeacherGait:
-    """A gait: a teacher with seven numbers; see ``thresholds.TEACHER_NUMBER_SCALES``."""
+    """A gait: a teacher with numbers (F + 4,); see :func:`number_scales`."""
 
     name: ClassVar[str] = "the teacher"
     refinable: ClassVar[bool] = True
@@ -58,26 +61,22 @@ class TeacherGait:
     @classmethod
     def of(cls, teacher: Teacher) -> Self:
         """Return the teacher as it was trained."""
-        return cls(teacher, np.zeros(len(thresholds.TEACHER_NUMBER_SCALES)))
+        return cls(teacher, np.zeros_like(number_scales(teacher.plan)))
 
     def phases(self) -> list[TeacherGait]:
         """Return it in eight phases of its clock."""
-        return [
-            self.at_phase(
-                float(self.numbers[_PHASE] * thresholds.TEACHER_NUMBER_SCALES[_PHASE])
-                + TAU * k / thresholds.TEACHER_PHASES
-            )
-            for k in range(thresholds.TEACHER_PHASES)
-        ]
+        phase = float(self.numbers[-1] * number_scales(self.teacher.plan)[-1])
+        count = thresholds.TEACHER_PHASES
+        return [self.at_phase(phase + TAU * k / count) for k in range(count)]
 
     def at_phase(self, phase: float) -> TeacherGait:
         """Return it with a clock that begins at a phase, rad."""
         numbers = self.numbers.copy()
-        numbers[_PHASE] = phase % TAU / thresholds.TEACHER_NUMBER_SCALES[_PHASE]
+        numbers[-1] = phase % TAU / number_scales(self.teacher.plan)[-1]
         return TeacherGait(self.teacher, numbers)
 
     def begin(self, robot: Scenario, previous: NDArray[np.floating]) -> TeacherSwimmer:
-        """Return an agent that swims it, beginning now, after the ``previous`` action (3,)."""
+        """Return an agent that swims it, beginning now, after the ``previous`` action (F,)."""
         network = TeacherNetwork(self.teacher, self.numbers[None], robot, previous)
         return TeacherSwimmer(self, robot, network)
 
@@ -89,9 +88,9 @@ class TeacherGait:
         seconds: float,
         previous: NDArray[np.floating],
     ) -> Floats:
-        """Return how far (P,) gaits of one teacher swim along +y from a state (25,), in units.
+        """Return how far (P,) gaits of one teacher swim along +y from a state (R,), in units.
 
-        ``robot`` is a scenario of one, whose sizes they are given, and ``previous`` (3,) the action
+        ``robot`` is a scenario of one, whose sizes they are given, and ``previous`` (F,) the action
         before.
         """
         numbers = np.array([gait.numbers for gait in gaits])
@@ -101,7 +100,7 @@ class TeacherGait:
         with np.errstate(over="ignore", invalid="ignore"):  # of robots that diverge
             for _ in range(round(seconds / (INTERVAL * TIMESTEP))):
                 action = network.act(lanes.states)
-                lanes.advance(np.array(servo_speeds(AQUAFISH, tuple(action))).T, INTERVAL)
+                lanes.advance(np.array(servo_speeds(robot.plan, tuple(action))).T, INTERVAL)
         far = lanes.states[NORTHING].astype(np.float64) - state[NORTHING]
         return penalize_diverged(far, seconds)
 
@@ -135,7 +134,7 @@ class TeacherSwimmer:
     network: TeacherNetwork
 
     def act(self, robot: Scenario, state: Floats) -> NDArray[np.float32]:
-        """Return the next action (3,), in [-1, 1], of a robot in a state (25,)."""
+        """Return the next action (F,), in [-1, 1], of a robot in a state (R,)."""
         if robot is not self.robot:
             self.robot = robot
             self.network.inform(robot)
@@ -152,7 +151,7 @@ class TeacherSwimmer:
 
 
 class TeacherNetwork:
-    """A teacher that acts for P robots of the same sizes, which differ in seven numbers each.
+    """A teacher that acts for P robots of the same sizes, which differ in a few numbers each.
 
     Each begins with its clock at 0. The arrays are allocated once: a swim in imagination has
     hundreds of actions.
@@ -162,40 +161,47 @@ class TeacherNetwork:
     teacher
         Its weights.
     numbers
-        (P, 7) changes of the teacher in standard deviations; see
-        ``thresholds.TEACHER_NUMBER_SCALES``.
+        (P, F + 4) changes of the teacher in standard deviations; see :func:`number_scales`.
     robot
         A scenario of one: what broke.
     previous
-        (3,) the action before the first.
+        (F,) the action before the first.
     """
-
-    # Rows of the values: the library gait's action, the previous action, 1 (for the biases), the 17
-    # inputs of that gait, and its hidden nodes. The teacher's network has the rows up to the
-    # inputs, the gait's the rows from the 1 on.
-    _BASE = slice(0, 3)
-    _PREVIOUS = slice(3, 6)
-    _ONE = 6
-    _SENSED = slice(7, 7 + SENSED)
-    _CLOCK = _SENSED.start + 9
-    _FINS = slice(_CLOCK + 2, _SENSED.stop)
 
     def __init__(
         self, teacher: Teacher, numbers: Floats, robot: Scenario, previous: NDArray[np.floating]
     ) -> None:
+        plan = teacher.plan
+        fins = len(plan.fins)
+        # Rows of the values: the library gait's action, the previous action, 1 (for the biases),
+        # the inputs of that gait, and its hidden nodes. The teacher's network has the rows up to
+        # the inputs, the gait's the rows from the 1 on.
+        self._base = slice(0, fins)
+        self._previous = slice(fins, 2 * fins)
+        self._one = 2 * fins
+        self._sensed = slice(self._one + 1, self._one + 1 + len(SENSES.names))
+        self._clock = self._sensed.start + len(CHANNELS)
+        self._fins = slice(self._clock + 2, self._sensed.stop)
+        joints = layout(plan).joints
+        rows = np.arange(joints.start, joints.stop)
+        self._fin_rows = rows.reshape(-1, 2)[:, ::-1].ravel()  # sine, then cosine
         self._weights = teacher.weights
-        self._gait = _first_gait()
-        changes = numbers * thresholds.TEACHER_NUMBER_SCALES
+        first = _first_gait(plan)
+        self._gait = layers_of(first)
+        changes = numbers * number_scales(plan)
         count = len(changes)
-        self._offset = np.ascontiguousarray(changes[:, :3].T, np.float32)
+        self._offset = np.ascontiguousarray(changes[:, :fins].T, np.float32)
+        clock, yaw, _, phase = range(fins, changes.shape[1])
         #: (P,) that the clock makes in an action, rad.
-        self.clock_step: Floats = TAU * CLOCK * INTERVAL * TIMESTEP * np.exp(changes[:, 3])
-        self._turn = _turns(changes[:, 4:6])
-        self.phase: Floats = changes[:, 6].copy()  #: (P,) of the clock at the next action, rad.
+        self.clock_step: Floats = (
+            TAU * first.clock * INTERVAL * TIMESTEP * np.exp(changes[:, clock])
+        )
+        self._turn = _turns(changes[:, yaw:phase])
+        self.phase: Floats = changes[:, phase].copy()  #: (P,) of the clock at the next action, rad.
         nodes = sum(weights.shape[1] for weights in self._gait[:-1])
-        self._values = np.ones((self._SENSED.stop + nodes, count), np.float32)
-        self._values[self._PREVIOUS] = previous[:, None]
-        self._hidden = [np.ones((n + 1, count), np.float32) for n in (128, 64)]
+        self._values = np.ones((self._sensed.stop + nodes, count), np.float32)
+        self._values[self._previous] = previous[:, None]
+        self._hidden = [np.ones((n + 1, count), np.float32) for n in HIDDEN]
         self._middle, self._last = (
             columns(np.hstack([self._weights[f"w{i}"], self._weights[f"b{i}"][:, None]]))
             for i in (1, 2)
@@ -204,37 +210,40 @@ class TeacherNetwork:
 
     def inform(self, robot: Scenario) -> None:
         """Replace the sizes and servo gains by those of one robot."""
-        sizes = robot.body[0] / Morphology.nominal().to_array() - 1.0
+        plan = robot.plan
+        sizes = robot.body[0] / plan.nominal - 1.0
         broken = np.concatenate([sizes, robot.servo_gain[0] - 1.0]).astype(np.float32)
         w0 = self._weights["w0"]
         known = np.empty((len(w0), 1), np.float32)
-        layer(columns(w0[:, -PRIVILEGED:]), broken[:, None], known, LINEAR)
+        told = w0.shape[1] - privileged(plan)
+        layer(columns(w0[:, told:]), broken[:, None], known, LINEAR)
         known += self._weights["b0"][:, None]
-        sensed, previous, base = np.split(w0[:, :-PRIVILEGED], (SENSED, SENSED + 3), axis=1)
+        ends = np.cumsum([len(SENSES.names), len(plan.fins)])
+        sensed, previous, base = np.split(w0[:, :told], ends, axis=1)
         self._first = columns(np.hstack([base, previous, known, sensed]))
 
     def act(self, states: NDArray[np.floating]) -> Singles:
-        """Return the next actions (3, P), in [-1, 1], in states (25, P); a view of its memory."""
+        """Return the next actions (F, P), in [-1, 1], in states (R, P); a view of its memory."""
         values = self._values
         turned = np.einsum("ijp,jp->ip", self._turn, states[FIELDS["orientation"]])
         up, north = up_and_north(tuple(turned))
-        observe_imu(values, self._SENSED.start, up, north, tuple(states[FIELDS["spin"]]))
-        values[self._CLOCK], values[self._CLOCK + 1] = sine_cosine(self.phase / TAU)
+        observe_imu(values, self._sensed.start, up, north, tuple(states[FIELDS["spin"]]))
+        values[self._clock], values[self._clock + 1] = sine_cosine(self.phase / TAU)
         self.phase += self.clock_step
-        values[self._FINS] = states[_FIN_ROWS]
-        end = self._SENSED.stop
+        values[self._fins] = states[self._fin_rows]
+        end = self._sensed.stop
         for weights in self._gait[:-1]:
             nodes = values[end : end + weights.shape[1]]
-            layer(weights, values[self._ONE : end], nodes, HYPERBOLIC_TANGENT)
+            layer(weights, values[self._one : end], nodes, HYPERBOLIC_TANGENT)
             end += len(nodes)
-        base = values[self._BASE]
-        layer(self._gait[-1], values[self._ONE : end], base, LINEAR)
+        base = values[self._base]
+        layer(self._gait[-1], values[self._one : end], base, LINEAR)
         np.clip(base, -1.0, 1.0, out=base)
-        below = values[: self._SENSED.stop]
+        below = values[: self._sensed.stop]
         for weights, hidden in zip((self._first, self._middle), self._hidden, strict=True):
             layer(weights, below, hidden[:-1], EXPONENTIAL_LINEAR)
             below = hidden
-        action = values[self._PREVIOUS]
+        action = values[self._previous]
         layer(self._last, below, action, LINEAR)
         action += self._offset
         return np.clip(action, -1.0, 1.0, out=action)
@@ -248,8 +257,8 @@ class TeacherNetwork:
 
 
 @functools.cache
-def _first_gait() -> list[Singles]:
-    return layers_of(load_library()[0])
+def _first_gait(plan: BodyPlan) -> Controller:
+    return load_library(plan)[0]
 
 
 def _turns(angles: Floats) -> Singles:

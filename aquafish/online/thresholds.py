@@ -218,7 +218,7 @@ TEACHER_LATER_SIGMA = 0.3
 BUDGET_ACTIONS = 200
 #: factor: of the generations of a shorter swim to those that are meant, at most
 MOST_GENERATIONS_RATIO = 3
-#: 1, rad: standard deviations (7,) of the numbers that are added to a teacher: an offset of each
-#: action, the logarithm of the clock's frequency, a turn (yaw) and a pitch of the perceived course,
-#: and the phase of the clock
-TEACHER_NUMBER_SCALES: Floats = np.array([0.1, 0.1, 0.1, 0.05, 0.1, 0.1, 0.5])
+#: 1, rad: standard deviations of the numbers that are added to a teacher: an offset of each action,
+#: the logarithm of the clock's frequency, a turn (yaw) and a pitch of the perceived course, and the
+#: phase of the clock
+TEACHER_NUMBER_SCALES = (0.1, 0.05, 0.1, 0.1, 0.5)

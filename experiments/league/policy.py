@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.gaits import load_library
-from aquafish.online.teacher import SHAPES as TEACHER_SHAPES
-from aquafish.online.teacher import Teacher, decode_weights, encode_weights
+from aquafish.online.teacher import Teacher, decode_weights, encode_weights, shapes_of
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
 from aquafish_gym.utils.storage import read_document, write_document
 from gait.controllers.agents import ControllerAgent
@@ -136,7 +136,8 @@ class Student:
         data: dict[str, Any] = read_document(path, STUDENT_SCHEMA, "student")
         offline = Offline(**data["offline"])
         teacher = Teacher(
-            decode_weights(data["teacher"]["weights"], TEACHER_SHAPES), data["teacher"]["offline"]
+            decode_weights(data["teacher"]["weights"], shapes_of(AQUAFISH)),
+            data["teacher"]["offline"],
         )
         curve = tuple((steps, pace) for steps, pace in data["curve"])
         return cls(teacher, decode_weights(data["weights"], SHAPES), offline, curve)

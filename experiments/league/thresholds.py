@@ -189,11 +189,8 @@ class Thresholds:
 
 
 def number_text(value: Any) -> str:
-    """Return a threshold's value as text: numbers that repeat, as of three axes, once."""
-    numbers = list(value) if isinstance(value, tuple) else np.ravel(value).tolist()
-    if isinstance(value, np.ndarray):
-        numbers = [x for i, x in enumerate(numbers) if i % 3 == 0 or len(numbers) % 3]
-    return ", ".join(f"{x:.3g}" for x in numbers)
+    """Return a threshold's value as text."""
+    return ", ".join(f"{x:.3g}" for x in np.ravel(value).tolist())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online import AgentConfig, SelfModelAgent, thresholds
+from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.belief import Event, Water, predicts
 from aquafish.online.choosing import GaitChooser
 from aquafish.online.gaits import (
@@ -23,8 +23,8 @@ from aquafish.online.gaits import (
     swim_ahead,
 )
 from aquafish.online.self_model import SelfModel, imu_readings, moved
-from aquafish.online.teacher import SHAPES, Teacher
-from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork
+from aquafish.online.teacher import Teacher, shapes_of
+from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork, number_scales
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import layout
 from aquafish_gym.plans import AQUAFISH
@@ -40,7 +40,7 @@ PREVIOUS = np.array([0.1, 0.2, -0.3])
 
 def random_teacher(seed: int = 0) -> Teacher:
     rng = np.random.default_rng(seed)
-    weights = {name: rng.normal(0.0, 0.2, shape) for name, shape in SHAPES.items()}
+    weights = {name: rng.normal(0.0, 0.2, shape) for name, shape in shapes_of(AQUAFISH).items()}
     return Teacher(weights, {"steps": 0, "seconds": 0.0})
 
 
@@ -86,7 +86,7 @@ def test_inputs_have_the_documented_order(robot: Scenario) -> None:
 def test_a_turned_course_is_the_world_turned_back(turn: float) -> None:
     """It does what the teacher does for a robot that heads elsewhere by the angle."""
     numbers = np.zeros((1, 7))
-    numbers[0, 4] = turn / thresholds.TEACHER_NUMBER_SCALES[4]
+    numbers[0, 4] = turn / number_scales(AQUAFISH)[4]
     still = random_states(1)
     turned = still.copy()
     x, y, z, w = still[:4, 0]

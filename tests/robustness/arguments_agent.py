@@ -13,9 +13,10 @@ from aquafish.online.belief import SurpriseMonitor
 from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.self_model import SelfModel, predict
-from aquafish.online.teacher import SHAPES, Teacher
+from aquafish.online.teacher import Teacher, shapes_of
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from gait.film import filmed
 from gait.swims.swim import swim
@@ -64,8 +65,8 @@ ROWS = [
     Call(
         Teacher,
         {
-            "weights": {name: np.zeros(shape) for name, shape in SHAPES.items()},
-            "offline": {"steps": 0, "seconds": 0.0}, "curve": [(1, 0.5)],
+            "weights": {name: np.zeros(shape) for name, shape in shapes_of(AQUAFISH).items()},
+            "offline": {"steps": 0, "seconds": 0.0}, "curve": [(1, 0.5)], "plan": AQUAFISH,
         },
         options(curve="empty list"),
     ),
