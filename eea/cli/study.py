@@ -80,7 +80,8 @@ class StudyCommand(Given):
     settings: Annotated[SeveralOptions, arg(name="")] = field(default_factory=SeveralOptions)
     plan: Plan = "aquafish"
     damage: AnyDamage = "none"
-    #: The held-out damages of the list "recovery" in place of --damage: each seed has the next.
+    #: Held-out damages in place of --damage, each seed the next: of the list "recovery", or of
+    #: another plan's list "PLAN severe".
     held_out: FlagCreatePairsOff[bool] = False
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.held_out import held_out
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import check_row
-from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.core.session import Session, streams
@@ -19,7 +19,6 @@ from eea.study.method import ArmConfig, MethodConfig, MethodSettings, method_rou
 from eea.study.presets import smoke
 
 RUNS_FOLDER = "runs"
-HELD_OUT = "recovery"  # list of held-out damages
 NO_DAMAGE = Damage.parse("none")
 MASSES = (0.5, 0.8, 0.9)  # probabilities of the intervals with measured coverage
 
@@ -53,7 +52,7 @@ class StudyWorld:
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
-    #: Whether the damage is, seed by seed, the next one of the held-out list ``HELD_OUT``.
+    #: Whether the damage is, seed by seed, the next one of the list ``held_out_list``.
     held_out: bool = False
 
     def __post_init__(self) -> None:
@@ -63,19 +62,20 @@ class StudyWorld:
                 f"damage must be none with held_out, which has its own; got {self.damage}"
             )
 
-        for text in held_out(HELD_OUT) if self.held_out else ():
-            try:
-                Damage.parse(text).body(self.morphology)
-            except UnknownNameError as error:
-                raise ConfigurationError(
-                    f"held_out has damages of another plan's fins: {error}"
-                ) from None
+        if self.held_out:
+            held_out(self.held_out_list)  # raises for a plan without one
+
+    @property
+    def held_out_list(self) -> str:
+        """The name of the list of held-out damages."""
+        plan = self.morphology.plan
+        return "recovery" if plan == AQUAFISH else f"{plan.name} severe"
 
     def damage_of(self, seed: int) -> Damage:
         """Return the damage of the target of a seed."""
         if not self.held_out:
             return self.damage
-        damages = held_out(HELD_OUT)
+        damages = held_out(self.held_out_list)
         return Damage.parse(damages[seed % len(damages)])
 
 

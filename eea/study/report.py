@@ -12,6 +12,7 @@ import numpy as np
 
 from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
+from eea.infer.words import COUNTS
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
 from eea.study.figures import save_study_figures
 from eea.study.results import RESULTS_FILE, StudyResults, read_study
@@ -51,7 +52,8 @@ def markdown(results: StudyResults, summary: Mapping[str, Any], figures: Sequenc
     """Return the whole text; ``figures`` are paths of pictures beside it."""
     rounds = summary["rounds"]
     guesses = summary["guesses"]
-    sizes = _counted(len(results.layout))
+    count = len(results.layout)
+    sizes = COUNTS[count] if count < len(COUNTS) else str(count)
     missing = ""
     if summary["finished"] < summary["planned"]:
         missing = (
@@ -179,12 +181,6 @@ def _signed_mean(summary: Mapping[str, Any]) -> str:
     if summary["interval"] is not None:
         text += " [" + ", ".join(signed(end) for end in summary["interval"]) + "]"
     return text
-
-
-def _counted(number: int) -> str:
-    """Return a number in prose: as a word up to nine."""
-    words = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
-    return words[number] if number < len(words) else str(number)
 
 
 def _interval(ends: Sequence[float] | None, digits: int = 3) -> str:

@@ -30,7 +30,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, file_path
 from eea.core.checks import ConfigurationError, whole
 from eea.study.method import ArmConfig
 from eea.study.replicate import (
-    HELD_OUT,
     RUNS_FOLDER,
     Replicate,
     ReplicateKey,
@@ -68,7 +67,8 @@ class Study:
     def __post_init__(self) -> None:
         whole("replicates", self.replicates, 1, MOST_REPLICATES)
         if self.world.held_out:  # more would repeat damages
-            whole("replicates with held_out", self.replicates, 1, len(held_out(HELD_OUT)))
+            most = len(held_out(self.world.held_out_list))
+            whole("replicates with held_out", self.replicates, 1, most)
         whole("first_seed", self.first_seed, 0, 2**63 - 1)
         if len(set(self.steps)) < len(self.steps):
             raise ConfigurationError(f"steps must differ from each other; got {self.steps}")
@@ -107,7 +107,7 @@ class Study:
             **world,
             "current": list(self.world.current),
             **({"gap": gap.changes} if gap.changes else {}),
-            **({"held_out": HELD_OUT} if held_out else {}),
+            **({"held_out": self.world.held_out_list} if held_out else {}),
             "rounds": self.rounds,
             "replicates": {
                 name: {str(steps): seeds for steps in sorted(self.steps)} for name in self.arms

@@ -34,6 +34,7 @@ from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
 from eea.fish.estimate import MorphologyEstimate, what_broke
 from eea.fish.hypotheses import fault_hypotheses, plan_of
 from eea.fish.log_changes import is_mirror_image, possible_changes
+from eea.study.replicate import StudyWorld
 from tests import plans
 
 DAMAGE = Damage.parse("fore_left:length=0.5; hind_right:missing")
@@ -196,5 +197,15 @@ def test_commands_take_a_plan_and_their_files_name_it(tmp_path, capsys):
     assert "the nominal body of the plan four-fins" in summary
     assert "the mean error of the 12 dimensions" in summary
     capsys.readouterr()
-    assert main([*words, "--plan", "four-fins", "--held-out", "--out", str(tmp_path / "no")]) == 2
-    assert "held_out has damages of another plan's fins" in capsys.readouterr().err
+    (tmp_path / "odd.json").write_text(plans.ODD.to_json())
+    own = ["--plan", str(tmp_path / "odd.json"), "--held-out", "--out", str(tmp_path / "no")]
+    assert main(["study", "--conditions", "none", *own]) == 2
+    assert "'odd severe'" in capsys.readouterr().err
+
+
+def test_held_out_damages_are_the_plans_own():
+    assert StudyWorld(Morphology.nominal(), held_out=True).held_out_list == "recovery"
+    world = StudyWorld(Morphology.nominal("tail-fish"), held_out=True)
+    assert world.held_out_list == "tail-fish severe"
+    for seed in range(5):
+        world.damage_of(seed).body(world.morphology)  # raises for the fins of another plan
