@@ -16,7 +16,7 @@ from eea.core.checks import instance, whole
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.fish.swim_log import FASTEST_SPIN
+from eea.fish.swim_log import fastest_spin
 
 
 def fish_problem(plan: PlanLike = AQUAFISH) -> Problem:
@@ -24,7 +24,9 @@ def fish_problem(plan: PlanLike = AQUAFISH) -> Problem:
     plan = check_plan(plan)
     models = model_layout((d.name, d.maximum, d.bits) for d in plan.dimensions)
     bounds = zip(plan.names, plan.command_low.tolist(), plan.command_high.tolist(), strict=True)
-    return Problem(models, action_layout(bounds), hidden=plan.names, axes=3, fastest=FASTEST_SPIN)
+    return Problem(
+        models, action_layout(bounds), hidden=plan.names, axes=3, fastest=fastest_spin(plan)
+    )
 
 
 class SimulatorOptions(TypedDict, total=False):

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from aquafish_gym import Morphology
 from aquafish_gym.engines.api import simulate_scenario
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import Scenario
 from eea import FitConfig
 from eea.fish.joint import fish_robot
@@ -433,11 +434,11 @@ def test_contradictions_of_true_assumptions_are_as_rare_as_stated():
 
 def test_rough_fins_rub_like_thicker_ones_that_weigh_the_same():
     bodies = Morphology.nominal().to_array()[None]
-    own = Material().fields(bodies, np.ones((1, 2)))  # the engine's
+    own = Material().fields(AQUAFISH, bodies, np.ones((1, 2)))  # the engine's
     assert own["body"].tolist() == bodies.tolist()
     assert (own["fin_density"] == 1.0).all()
     assert (own["drag"] == 1.0).all()
-    rough = Material(friction=3.0).fields(bodies, np.ones((1, 2)))
+    rough = Material(friction=3.0).fields(AQUAFISH, bodies, np.ones((1, 2)))
     thickness = bodies[:, [2, 5, 6]]
     thicker = rough["body"][:, [2, 5, 6]]
     assert (thicker > thickness).all()
