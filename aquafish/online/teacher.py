@@ -24,6 +24,7 @@ from aquafish_gym.plans import (
     check_same_plan,
     plan_document,
 )
+from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.storage import read_document, read_packaged, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -34,12 +35,10 @@ from aquafish_gym.utils.validation import (
     sequence,
 )
 from gait.controllers.dense import Singles
-from gait.controllers.network import Senses
 
 TEACHER_SCHEMA = "aquafish.teacher/1"
 INTERVAL = 20  # steps of 0.01 s that an action is held
 HIDDEN = (128, 64)  # nodes
-SENSES = Senses(fins=True)  # of the library's first gait
 _LARGEST_WEIGHT = float(np.finfo(np.float16).max)
 
 
@@ -142,13 +141,17 @@ class Teacher:
 def shapes_of(plan: BodyPlan) -> dict[str, tuple[int, ...]]:
     """Return the shapes of a plan's weights: ``w`` (out, in) and ``b`` (out,) of each layer."""
     fins = len(plan.fins)
-    sensed = len(SENSES.names)
-    layers = (sensed + 2 * fins + privileged(plan), *HIDDEN, fins)
+    layers = (sensed(plan) + 2 * fins + privileged(plan), *HIDDEN, fins)
     shapes: dict[str, tuple[int, ...]] = {}
     for i, (before, nodes) in enumerate(pairwise(layers)):
         shapes[f"w{i}"] = (nodes, before)
         shapes[f"b{i}"] = (nodes,)
     return shapes
+
+
+def sensed(plan: BodyPlan) -> int:
+    """Return how many of the inputs, the first, are those of the library's first gait."""
+    return len(CHANNELS) + 2 + 2 * len(plan.fins)
 
 
 def privileged(plan: BodyPlan) -> int:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from aquafish.online import thresholds
 from aquafish.online.gaits import NORTHING, Effort, Search, load_library
-from aquafish.online.teacher import HIDDEN, INTERVAL, SENSES, Teacher, privileged
+from aquafish.online.teacher import HIDDEN, INTERVAL, Teacher, privileged, sensed
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
@@ -179,7 +179,7 @@ class TeacherNetwork:
         self._base = slice(0, fins)
         self._previous = slice(fins, 2 * fins)
         self._one = 2 * fins
-        self._sensed = slice(self._one + 1, self._one + 1 + len(SENSES.names))
+        self._sensed = slice(self._one + 1, self._one + 1 + sensed(plan))
         self._clock = self._sensed.start + len(CHANNELS)
         self._fins = slice(self._clock + 2, self._sensed.stop)
         joints = layout(plan).joints
@@ -218,9 +218,9 @@ class TeacherNetwork:
         told = w0.shape[1] - privileged(plan)
         layer(columns(w0[:, told:]), broken[:, None], known, LINEAR)
         known += self._weights["b0"][:, None]
-        ends = np.cumsum([len(SENSES.names), len(plan.fins)])
-        sensed, previous, base = np.split(w0[:, :told], ends, axis=1)
-        self._first = columns(np.hstack([base, previous, known, sensed]))
+        ends = np.cumsum([sensed(plan), len(plan.fins)])
+        inputs, previous, base = np.split(w0[:, :told], ends, axis=1)
+        self._first = columns(np.hstack([base, previous, known, inputs]))
 
     def act(self, states: NDArray[np.floating]) -> Singles:
         """Return the next actions (F, P), in [-1, 1], in states (R, P); a view of its memory."""
