@@ -27,7 +27,7 @@ def random_search(
 ) -> Iterator[NDArray[np.float64]]:
     """Yield the best of random bodies (9,), in units of 5 cm, after each of some trials."""
     rng = np.random.default_rng(seed)
-    problem = fish_problem()
+    problem = fish_problem(settings.plan)
     sizes, speeds = problem.models, problem.actions
     bodies = sizes.low + sizes.span * rng.random((BODIES, len(sizes)))
     fitness = np.zeros(BODIES)

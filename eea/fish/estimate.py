@@ -223,8 +223,8 @@ def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> f
     """Return a size as a share of the undamaged size; None if the size may be unchanged."""
     if (
         low[i] <= whole[i] <= high[i]
-        or abs(found[i] / whole[i] - 1.0) < LEAST_CHANGE
         or high[i] - low[i] > WIDEST_STATED_INTERVAL * whole[i]
+        or abs(found[i] - whole[i]) < LEAST_CHANGE * whole[i]
     ):
         return None
     return float(found[i] / whole[i])

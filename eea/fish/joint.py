@@ -124,7 +124,7 @@ def fish_signal(
     gain = values[SERVO_GAIN][:, None]
     bias = _columns(values, GYRO_BIAS)
     fields = {
-        **material.fields(plan, _columns(values, sizes(plan)), _columns(values, DRAG)),
+        **material.fields(plan, _columns(values, size_numbers(plan)), _columns(values, DRAG)),
         "servo_gain": gain * _columns(values, servo_names(plan).values()),
         "servo_lag": values[LAG],
         "fin_angles": _columns(values, plan.names),
@@ -228,12 +228,12 @@ def discrepancy_table() -> dict[str, Any]:
     return read_packaged("eea.fish", "discrepancy.json", DISCREPANCY_SCHEMA)
 
 
-def sizes(plan: BodyPlan) -> dict[str, Number]:
+def size_numbers(plan: BodyPlan) -> dict[str, Number]:
     """Return the sizes of a plan's fins, which are sought."""
     return {d.name: Number(0.0, d.maximum) for d in plan.dimensions}
 
 
-def switches(plan: BodyPlan) -> dict[str, Number]:
+def switch_numbers(plan: BodyPlan) -> dict[str, Number]:
     """Return the numbers that change only where something is broken or assumed otherwise."""
     servos = servo_names(plan)
     # A sweep is symmetric: reversal only shifts its phase.
@@ -250,10 +250,10 @@ def fish_numbers(plan: BodyPlan, windows: LogWindows | None = None) -> dict[str,
     """Return the fish's numbers in trials from rest, or in the windows of a log."""
     begun = windows is not None and windows.begun > 0
     return {
-        **sizes(plan),
+        **size_numbers(plan),
         **({} if begun else CURRENTS),
         **NUISANCES,
-        **switches(plan),
+        **switch_numbers(plan),
         **(STARTS if begun else {}),
         # The share of the time between two rows after which a command changed.
         **{name: Number(0.0, 1.0, varies=True) for name in change_names(windows)},

@@ -26,7 +26,7 @@ from eea.core.config import FitConfig
 from eea.core.floating import own_errors
 from eea.core.session import MAXIMUM_SEED
 from eea.fish.hypotheses import ANYWHERE, fault_hypothesis, plan_of, servo_names
-from eea.fish.joint import CURRENT, fish_robot, sizes
+from eea.fish.joint import CURRENT, fish_robot, size_numbers
 from eea.fish.log_fit import CLOSEST_ROWS_SECONDS
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
@@ -66,7 +66,7 @@ def fin_changes(plan: BodyPlan, fin: str) -> list[Hypothesis]:
 
 
 @functools.cache
-def possible_changes(plan: BodyPlan) -> tuple[Hypothesis, ...]:
+def body_changes(plan: BodyPlan) -> tuple[Hypothesis, ...]:
     """Return the possible changes of all fins."""
     return tuple(change for fin in plan.names for change in fin_changes(plan, fin))
 
@@ -100,7 +100,9 @@ def known_body(body: Morphology, noise: float, nuisances: Sequence[str] | None =
     robot = fish_robot(EngineSimulator(1, plan=body.plan))
     for name in () if nuisances is None else sequence("nuisances", nuisances):
         choice("nuisances", name, robot.groups)
-    known = Hypothesis("the body is known", dict(zip(sizes(body.plan), body.sizes, strict=True)))
+    known = Hypothesis(
+        "the body is known", dict(zip(size_numbers(body.plan), body.sizes, strict=True))
+    )
     robot = replace(robot, nominal=known, hypotheses=())
     parameters = Unknowns.of(robot, 1, robot.groups if nuisances is None else nuisances)
     mean = parameters.prior_mean
@@ -121,7 +123,7 @@ def check_belief(belief: object, plan: BodyPlan) -> None:
         raise InvalidArgumentError(f"belief must be a posterior: {error}") from None
     robot = belief.robot
     found = [(name, robot.table[name].low, robot.table[name].high) for name in robot.sought]
-    stated = [(name, number.low, number.high) for name, number in sizes(plan).items()]
+    stated = [(name, number.low, number.high) for name, number in size_numbers(plan).items()]
     for (name, low, high), (wanted, least, most) in zip(found, stated, strict=False):
         if (name, low, high) != (wanted, least, most):
             raise InvalidArgumentError(
@@ -176,7 +178,7 @@ def _known(belief: Answer, windows: LogWindows, simulator: SimulatorOptions) -> 
     """
     robot = replace(
         fish_robot(EngineSimulator(windows.steps, plan=windows.plan, **simulator), windows),
-        hypotheses=possible_changes(windows.plan),
+        hypotheses=body_changes(windows.plan),
         at_once=MOST_CHANGES,
         nominal=UNCHANGED,
         discrepancy=None,

@@ -15,7 +15,16 @@ from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.array_types import Triple
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
-from eea.fish.joint import CURRENT, CURRENTS, DRAG, GYRO_BIAS, LAG, NUISANCES, SERVO_GAIN, switches
+from eea.fish.joint import (
+    CURRENT,
+    CURRENTS,
+    DRAG,
+    GYRO_BIAS,
+    LAG,
+    NUISANCES,
+    SERVO_GAIN,
+    switch_numbers,
+)
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.infer.trials import Observed
@@ -42,7 +51,7 @@ SPANS = np.array([d.maximum for d in AQUAFISH.dimensions])
 
 
 #: The nuisances of an ordinary robot, by name.
-NUMBERS = {**CURRENTS, **NUISANCES, **switches(AQUAFISH)}
+NUMBERS = {**CURRENTS, **NUISANCES, **switch_numbers(AQUAFISH)}
 ORDINARY_WORLD = {name: number.mean or 0.0 for name, number in NUMBERS.items()}
 
 

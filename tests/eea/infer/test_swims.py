@@ -23,9 +23,9 @@ from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_robot
 from eea.fish.known import (
     UNCHANGED,
+    body_changes,
     infer_changes,
     known_body,
-    possible_changes,
     watch_swim,
 )
 from eea.fish.log_inference import infer_log
@@ -251,7 +251,7 @@ def test_a_posterior_is_a_prior_with_its_noise(shorter):
 def test_what_is_known_says_nothing_of_what_changed():
     windows = log_windows(broken_swim("none")[0], moving=True)
     fish = fish_robot(EngineSimulator(windows.steps, threads=1), windows)
-    changes = possible_changes(AQUAFISH)
+    changes = body_changes(AQUAFISH)
     robot = KNOWN.known(replace(fish, hypotheses=changes, at_once=2)).robot
     one = next(h for h in changes if h.name == "the tail has other sizes")
     parameters = Unknowns.of(robot, 1, (), one)
