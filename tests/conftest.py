@@ -18,7 +18,7 @@ from hypothesis import settings
 from tests.skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 
 # A shared machine may stall any example; time is no property under test here.
-settings.register_profile("shared-machine", deadline=None)
+settings.register_profile("shared-machine", deadline=None, max_examples=40)
 settings.load_profile("shared-machine")
 
 # A parent may have had this process ignore Ctrl-C, which some tests send.

@@ -92,11 +92,11 @@ def by_hand(
 @pytest.mark.parametrize(
     ("trials", "current", "steps", "substeps"),
     [
-        (random_trials(8, 0), STILL, 512, 1),
-        (random_trials(6, 1, without=0.5), STILL, 256, 1),
+        (random_trials(4, 0), STILL, 512, 1),
+        (random_trials(4, 1, without=0.5), STILL, 256, 1),
         (random_trials(4, 2), (0.3, -0.5, 0.2), 128, 4),
     ],
-    ids=["8 random bodies, 5.12 s", "fins of no size", "current and substeps"],
+    ids=["4 random bodies, 5.12 s", "fins of no size", "current and substeps"],
 )
 def test_pybullet_is_the_equations_to_rounding(
     trials: Trials, current: Vector, steps: int, substeps: int

@@ -139,12 +139,17 @@ def test_the_command_says_so_too_where_others_brought_what_commands_need(
 @pytest.mark.parametrize(
     ("extra", "code"),
     [
-        (
+        pytest.param(
             "eea",
             "import eea, eea.study.figures; [getattr(eea, name) for name in eea.__all__]",
+            marks=pytest.mark.slow,
         ),
         ("gait", "import gait, gait.plots; [getattr(gait, name) for name in gait.__all__]"),
-        ("cli", "from aquafish.cli import main; sys.exit(main(['recover', '--help']))"),
+        pytest.param(
+            "cli",
+            "from aquafish.cli import main; sys.exit(main(['recover', '--help']))",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_an_extra_is_enough_for_what_it_is_named_for(extra: str, code: str) -> None:

@@ -71,7 +71,7 @@ def now(damage: Damage, step: int) -> dict[str, np.ndarray]:
     return Damage(tuple(active)).edit(Scenario.create(), HOLD).columns()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12)
 @given(damages=st.lists(damages(), min_size=6, max_size=6), seed=st.integers(0, 99))
 def test_robots_are_what_their_faults_make_of_them_in_each_step(
     damages: list[Damage], seed: int

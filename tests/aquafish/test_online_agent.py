@@ -84,7 +84,7 @@ def test_the_same_seed_gives_the_same_actions() -> None:
 
 @pytest.mark.parametrize("options", [{}, {"current": (0.15, -0.1, 0.0)}])
 def test_nothing_alarms_it_while_nothing_breaks(options: dict[str, Any]) -> None:
-    agent, _, _ = swim("gyro:noise=0.01", 300, NOISY, **options)
+    agent, _, _ = swim("gyro:noise=0.01", 200, NOISY, **options)
     assert whats(agent) == ["chose"]
 
 
@@ -275,6 +275,7 @@ def test_a_little_more_noise_is_one_alarm_and_no_fault_of_a_fin() -> None:
     np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_works_again_is_used_again() -> None:
     agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 140, UNREFINED)
     about = [event.about for event in agent.events if event.what == "inferred"]
@@ -305,9 +306,10 @@ def test_unknown_fin_angles_are_found(gyro_only: bool) -> None:
 
 def test_it_plays_in_a_vector_environment() -> None:
     found = evaluate(
-        SelfModelAgent(config=QUICK), "AquaFishRecovery-v0", episodes=1, damage="caudal:missing@58"
-    )
-    assert found.returns[0] > 50.0
+        SelfModelAgent(config=QUICK), "AquaFishRecovery-v0", episodes=1, max_episode_steps=100,
+        damage="caudal:missing@19",
+    )  # fmt: skip
+    assert found.returns[0] > 10.0
 
 
 def test_a_refined_gait_is_no_worse_by_imagination() -> None:
@@ -317,7 +319,7 @@ def test_a_refined_gait_is_no_worse_by_imagination() -> None:
     first, *_ = imagine(gaits[1:], robot, model.state, 10.0)
     found = evolve_gait(
         robot.body[0],
-        EvolveConfig(generations=5, seconds=10.0, threads=1),
+        EvolveConfig(generations=2, seconds=10.0, threads=1),
         first=gaits[1],
         start=model.state,
         world=WorldConfig.of(robot),

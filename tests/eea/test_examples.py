@@ -18,6 +18,7 @@ import eea
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
+@pytest.mark.slow
 def test_a_mujoco_swimmer_finds_its_weak_motor_in_at_most_80_lines(capsys):
     pytest.importorskip("mujoco")
     script = EXAMPLES / "mujoco_robot.py"

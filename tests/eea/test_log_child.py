@@ -92,7 +92,13 @@ BOMBS: dict[Callable[[Path], None], str] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("write", BOMBS)
+#: One of each kind of limit.
+QUICK = (wide_csv, nested_mcap, lists_parquet)
+
+
+@pytest.mark.parametrize(
+    "write", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in BOMBS]
+)
 def test_a_small_file_that_states_a_large_log_is_refused_with_what_to_do(
     write, tmp_path, monkeypatch
 ):

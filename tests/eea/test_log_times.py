@@ -197,7 +197,10 @@ def repeated(log, rate):
     return SwimLog(log.time, log.gyro[last], log.commands)
 
 
-@pytest.mark.parametrize(("rows", "rate"), [(300, 100), (100, 50), (100, 90), (1000, 33)])
+@pytest.mark.parametrize(
+    ("rows", "rate"),
+    [(300, 100), (100, 50), pytest.param(100, 90, marks=pytest.mark.slow), (1000, 33)],
+)
 def test_rows_that_repeat_a_reading_are_left_out(rows, rate):
     log = repeated(swim(at_rate(rows, 8.0)), rate)
     new = new_readings(log, 0)

@@ -238,6 +238,7 @@ def texts_drawn(figure, monkeypatch):
     return boxes
 
 
+@pytest.mark.slow
 def test_no_text_is_cut_off_or_covers_another(drawn, monkeypatch):
     for name, figure in figures.study_figures(*drawn).items():
         boxes = texts_drawn(figure, monkeypatch)

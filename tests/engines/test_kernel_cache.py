@@ -91,6 +91,7 @@ def test_where_nothing_can_be_kept_every_process_says_what_helps() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_packages_swim_from_a_zip(tmp_path: pathlib.Path) -> None:
     """As dask's upload_file, PySpark and zipapp ship them."""
     with zipfile.ZipFile(tmp_path / "fish.zip", "w") as archive:
@@ -310,6 +311,7 @@ def cold(tmp_path: pathlib.Path) -> dict[str, str]:
     return {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", MANY_SWIM], env=cold, stderr=subprocess.PIPE, text=True

@@ -88,6 +88,7 @@ def test_stable_baselines(name: str) -> None:
     assert lengths == {100 if name == "AquaFish-v0" else 300}
 
 
+@pytest.mark.slow
 def test_a_video_of_one_and_of_several(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("moviepy")
     env = gym.make("AquaFish-v0", engine="numba", render_mode="rgb_array", frame_skip=1000)

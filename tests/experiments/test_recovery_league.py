@@ -79,6 +79,7 @@ def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "PPO, fins" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_script_and_its_workers_run_from_any_folder(tmp_path: Path) -> None:
     script = Path(__file__).parents[2] / "examples" / "recovery_league.py"
     options = "--entrants still --tiers none --episodes 2 --workers 2 --out league"
@@ -122,7 +123,7 @@ def test_what_agents_of_the_league_do_when_a_fin_is_lost() -> None:
     swum: dict[str, list[Any]] = {}
     for name in ("blind", "self-model", "oracle"):
         observation, info = env.reset(seed=1)
-        agent: Any = ENTRANTS[name].make(generations=10, refinements=1)
+        agent: Any = ENTRANTS[name].make(generations=2, refinements=1)
         agent.begin(info["fin_angles"])
         swum[name] = []
         for step in range(90):
@@ -374,12 +375,12 @@ def test_the_whole_league_says_how_far_below_the_ceiling_others_swim(
 @pytest.mark.parametrize("water", ["vortices", "dense"])
 def test_a_water_of_the_leagues_own_is_another_one_and_repeats(water: Any) -> None:
     home, one, again = (
-        play(Episode("PPO, fins", "mild", 60_000, water=name))["way"]
+        play(Episode("PPO, fins", "mild", 60_000, seconds=32.0, water=name))["way"]
         for name in ("still", water, water)
     )
     assert one == again
-    assert np.abs(np.subtract(one, home)).max() > 0.5
-    assert one[-1] > 10.0  # it swims
+    assert np.abs(np.subtract(one, home)).max() > 0.3
+    assert one[-1] > 5.0  # it swims
 
 
 def test_vortices_neither_diverge_nor_drift() -> None:

@@ -70,6 +70,7 @@ def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
 
 
+@pytest.mark.slow
 @jobs_in_process()
 def test_controllers_of_an_earlier_run_play_again(tmp_path: Path) -> None:
     """An entry without a file there is left out."""
@@ -106,6 +107,7 @@ def test_a_share_is_of_the_mean_distance() -> None:
     assert share([[1.0]], [0.5]) == "-"
 
 
+@pytest.mark.slow
 def test_a_learned_controller_can_be_made() -> None:
     pytest.importorskip("stable_baselines3")
     entry = ENTRIES["PPO, damaged"]

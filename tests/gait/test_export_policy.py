@@ -115,7 +115,7 @@ def build_all(sources: list[Path]) -> list[str]:
 
 @needs_cc
 @pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_ten_random_policies_are_equal_to_the_bit(
+def test_random_policies_are_equal_to_the_bit(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(export_policy, "VECTOR_COUNT", 200)
@@ -123,10 +123,10 @@ def test_ten_random_policies_are_equal_to_the_bit(
     rng = np.random.default_rng(5)
     different = []
     sources = []
-    for i in range(10):
+    for i in range(5):
         algorithm = ENVIRONMENTS[name][i % len(ENVIRONMENTS[name])]
         keywords: dict[str, Any] = {"net_arch": rng.integers(4, 20, rng.integers(0, 4)).tolist()}
-        if i >= 4:  # before, the algorithm's own
+        if i >= 3:  # before, the algorithm's own
             keywords["activation_fn"] = getattr(torch.nn, ACTIVATIONS[i % len(ACTIVATIONS)])
         model = make_model(algorithm, env, i, **keywords)
         file = tmp_path / "policy.zip"
@@ -154,7 +154,7 @@ def test_ten_random_policies_are_equal_to_the_bit(
         else:
             np.testing.assert_allclose(actions, expected, rtol=1e-5, atol=2e-5)
     assert np.median(different) >= (2 if ENVIRONMENTS[name] == DISCRETE else 100)
-    assert build_all(sources) == 10 * ["200 steps, 0 numbers differ, by at most 0\n"]
+    assert build_all(sources) == 5 * ["200 steps, 0 numbers differ, by at most 0\n"]
 
 
 @needs_cc

@@ -69,7 +69,10 @@ class MyReturn(ReturnToBuoys):
 
 @pytest.mark.pybullet
 @pytest.mark.parametrize("damage", [None, "random:moderate@1-3", "gyro:noise=0.1; caudal:dead"])
-@pytest.mark.parametrize("mine", [MyForward, MyWaypoints, MyReturn])
+@pytest.mark.parametrize(
+    "mine",
+    [MyForward, *(pytest.param(one, marks=pytest.mark.slow) for one in (MyWaypoints, MyReturn))],
+)
 def test_a_task_of_ones_own_scores_as_the_compiled_one(mine: Any, damage: str | None) -> None:
     """Controllers of two kinds, on a body each."""
     task = mine(seconds=6.0)

@@ -103,7 +103,11 @@ def check(found: dict[str, int], megabytes: float = 5.0) -> None:
 
 @pytest.mark.parametrize(
     ("work", "engine"),
-    [(DROPPED, "numba"), (ENVIRONMENTS, "pybullet"), (DROPPED, "pybullet")],
+    [
+        (DROPPED, "numba"),
+        pytest.param(ENVIRONMENTS, "pybullet", marks=pytest.mark.slow),
+        pytest.param(DROPPED, "pybullet", marks=pytest.mark.slow),
+    ],
     ids=["dropped, numba", "closed, pybullet", "dropped, pybullet"],
 )
 def test_a_hundred_environments_leave_nothing(work: str, engine: str) -> None:

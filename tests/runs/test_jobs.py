@@ -177,7 +177,9 @@ def assert_ended(folder):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "stop", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
+)
 def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
     program = start(tmp_path, "doze", 30)
     while len(list(tmp_path.rglob("*.json"))) < 3:
