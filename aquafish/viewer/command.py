@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import PACKAGED, load_library
 from aquafish.viewer.door import viser_module
 from aquafish.viewer.live import (
     MAXIMUM_VIEWED_ROBOTS,
@@ -19,9 +19,12 @@ from aquafish.viewer.live import (
     pilot_of,
     random_pilot,
     self_model_pilot,
+    steady_pilot,
 )
 from aquafish.viewer.page import Viewer
-from aquafish_gym.runs.command_line import EpisodeDamage
+from aquafish_gym.plans import BodyPlan, check_plan, check_same_plan
+from aquafish_gym.runs.command_line import EpisodeDamage, Plan
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controllers.controller import Controller
 
@@ -38,8 +41,14 @@ class View:
     example: ClassVar[str] = "--robots 3 --damage left_pectoral:length=0.5@5"
 
     robots: int = 1  #: Number of robots, at most 64.
+    plan: Plan = "aquafish"
+    reactive: bool = False  #: Whether the water has added mass.
+    library: Annotated[Path | None, arg(metavar="FILE")] = None
+    """A library of gaits for the plan, which the agent with a self-model needs; without it, the
+    packaged one, if there is one."""
     controller: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A controller.json, as evolve and baseline write it; without it, a gait of the library."""
+    """A controller.json, as evolve and baseline write it; without it, a gait of the library, or all
+    servos at full speed."""
     policy: Annotated[str | None, arg(metavar="MODULE:FUNCTION")] = None
     """Your controller: a function from observation and time to an action, or what else
     ``gait.swim`` takes, such as an agent or a model of stable-baselines3."""
@@ -68,19 +77,42 @@ class View:
             except (ImportError, AttributeError, ValueError) as error:
                 raise InvalidArgumentError(f"policy must be MODULE:FUNCTION; {error}") from None
             found["policy"] = pilot_of(policy)
-        gait = Controller.load(self.controller) if self.controller else load_library()[0]
-        found["gait"] = gait_pilot(gait)
-        found["random"] = random_pilot(self.seed)
-        if self.robots == 1:
-            found["self-model"] = self_model_pilot(self.gyro_noise, self.gyro_only, self.seed)
+        plan = check_plan(self.plan)
+        library = self._library(plan)
+        gaits = [Controller.load(self.controller)] if self.controller else library
+        if gaits:
+            check_same_plan("controller", gaits[0].morphology.plan, plan)
+            found["gait"] = gait_pilot(gaits[0])
+        else:
+            found["full speed"] = steady_pilot(plan)
+        found["random"] = random_pilot(self.seed, plan)
+        if self.robots == 1 and library:
+            robot = Scenario.create(plan=plan, reactive=self.reactive)
+            own = library if self.library else None  # teachers stand beside the packaged one
+            found["self-model"] = self_model_pilot(
+                self.gyro_noise, self.gyro_only, self.seed, robot, own
+            )
+        if self.gyro_only and "self-model" not in found:
+            raise InvalidArgumentError(
+                f"library must be given for the plan {plan.name}, of which none is packaged: "
+                "gyro_only is of the self-model, which needs one"
+            )
         if self.gyro_only:  # the first one steers
             return {"self-model": found.pop("self-model"), **found}
         return found
+
+    def _library(self, plan: BodyPlan) -> list[Controller]:
+        """Return the gaits of the plan's library; none without one."""
+        if self.library is None and plan not in PACKAGED:
+            return []
+        return load_library(self.library or plan)
 
     def execute(self) -> None:
         """Serve the page until Ctrl-C."""
         viser_module()
         pilots = self.pilots()
         first = next(iter(pilots.values()))
-        swim = LiveSwim(first, self.robots, self.damage, self.gyro_noise, self.seed)
+        swim = LiveSwim(
+            first, self.robots, self.damage, self.gyro_noise, self.seed, self.plan, self.reactive
+        )
         Viewer(swim, pilots, self.port).run()

@@ -14,13 +14,14 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.self_model import error_size, moved, predict
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
+from aquafish_gym.damage.words import parts_of
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.envs.robots import Robots
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import layout, robot_of
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.sense import limits, observe
 from aquafish_gym.utils.array_types import Floats
@@ -50,10 +51,16 @@ def pilot_of(steers: object) -> ViewerPilot:
     return ViewerPilot(make_agent(steers, interval, argument="policy"), interval)
 
 
-def random_pilot(seed: int) -> ViewerPilot:
+def random_pilot(seed: int, plan: BodyPlan = AQUAFISH) -> ViewerPilot:
     """Return a pilot whose actions are uniformly random."""
     rng = np.random.default_rng(seed)
-    return pilot_of(lambda observations: rng.uniform(-1.0, 1.0, (len(observations), 3)))
+    fins = len(plan.fins)
+    return pilot_of(lambda observations: rng.uniform(-1.0, 1.0, (len(observations), fins)))
+
+
+def steady_pilot(plan: BodyPlan) -> ViewerPilot:
+    """Return a pilot that runs all servos at full speed."""
+    return pilot_of(lambda observations: np.ones((len(observations), len(plan.fins))))
 
 
 def gait_pilot(gait: Controller) -> ViewerPilot:
@@ -66,17 +73,18 @@ def gait_pilot(gait: Controller) -> ViewerPilot:
 class LiveSwim:
     """Robots that swim on while faults strike, sizes are set and the water flows.
 
-    ``count`` robots, at most 64, begin with random fin angles. ``damage`` is of all of them, with
-    onsets from the start on; ``gyro_noise`` is a standard deviation in rad/s.
+    ``count`` robots of a ``plan``, at most 64, begin with random fin angles. ``damage`` is of all
+    of them, with onsets from the start on; ``gyro_noise`` is a standard deviation in rad/s, and
+    ``reactive`` water has added mass.
 
     Attributes
     ----------
     states
-        (25, B) in the order of ``aquafish_gym.physics.layout``.
+        (R, B) in the order of ``aquafish_gym.physics.layout``.
     observed
         (B, 9) the last observations.
     actions, held
-        (B, 3) the present actions, and for how many steps of 0.01 s they have been held.
+        (B, F) the present actions, and for how many steps of 0.01 s they have been held.
     """
 
     def __init__(
@@ -86,10 +94,14 @@ class LiveSwim:
         damage: str = "none",
         gyro_noise: float = 0.0,
         seed: int = 0,
+        plan: PlanLike = AQUAFISH,
+        reactive: bool = False,
     ) -> None:
+        self.plan = check_plan(plan)
         self.count = integer("robots", count, 1, MAXIMUM_VIEWED_ROBOTS)
+        self._reactive = reactive
         self._damage, self._rng = Damage.parse(damage), np.random.default_rng(seed)
-        self._sizes, self._current = Morphology.nominal().to_array(), np.zeros(3)
+        self._sizes, self._current = self.plan.nominal.copy(), np.zeros(3)
         self._noise = check_row("gyro_noise", gyro_noise)
         self._everyone = np.arange(self.count)
         self.pilot = pilot
@@ -99,8 +111,9 @@ class LiveSwim:
         """Begin again at the start line, at rest, with the damage of the start."""
         self.pilot = pilot or self.pilot
         self.steps, self.held = 0, 0
-        self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
-        self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
+        shape = (self.count, len(self.plan.fins))
+        self._damages = [self._drawn(self._damage) for _ in self._everyone]
+        self._angles = self._rng.uniform(-math.pi, math.pi, shape)
         self._stride = math.gcd(self.pilot.interval, UPDATE_STEPS)
         begun = self._scenario().draw_angles([self._rng] * self.count)
         self._angles = begun.fin_angles
@@ -111,8 +124,12 @@ class LiveSwim:
         self._lanes = LaneBatch(begun, np.float64)
         self.states = self._lanes.states.astype(np.float64)
         self.pilot.agent.reset({"fin_angles": self._angles.copy()})
-        self.actions = np.zeros((self.count, 3))
+        self.actions = np.zeros(shape)
         self._observe()
+
+    def _drawn(self, damage: Damage) -> Damage:
+        """Return damage of one robot, with what is random drawn."""
+        return damage.sample(self._rng, parts_of(self.plan))
 
     @property
     def robots(self) -> Scenario:
@@ -136,7 +153,7 @@ class LiveSwim:
     def broken(self, robot: int) -> tuple[str, ...]:
         """Return the names of a robot's broken fins."""
         parts = {fault.part for fault in self.faults(robot)}
-        return tuple(fin for fin in AQUAFISH.names if fin in parts)
+        return tuple(fin for fin in self.plan.names if fin in parts)
 
     def strike(self, damage: str, robots: Sequence[int] | None = None) -> None:
         """Break robots, or all, in mid-swim; onsets count from now.
@@ -145,14 +162,15 @@ class LiveSwim:
         """
         wanted, damages = Damage.parse(damage), list(self._damages)
         for robot in self._everyone.tolist() if robots is None else robots:
-            drawn = wanted.sample(self._rng)
+            drawn = self._drawn(wanted)
             later = [replace(f, onset=f.span[0] + self.seconds) for f in drawn]
             damages[robot] = Damage((*damages[robot].faults, *later))
             if len(damages[robot].faults) > MAXIMUM_VIEWED_FAULTS:
                 raise InvalidArgumentError(
                     f"a robot may have at most {MAXIMUM_VIEWED_FAULTS} faults; repair it first"
                 )
-            damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
+            # It raises if it does not fit.
+            damages[robot].body(Morphology.from_array(self._sizes, self.plan))
             damages[robot].check_steps(TIMESTEP * self._stride)
         self._damages = damages
         self._is_edited = True
@@ -164,8 +182,8 @@ class LiveSwim:
         self._is_edited = True
 
     def set_sizes(self, sizes: ArrayLike) -> None:
-        """Set the nine sizes (9,) of all robots before damage, in units of 5 cm."""
-        self._sizes = check_field("body", np.array([sizes], float))[0]
+        """Set the sizes (S,) of all robots before damage, in units of 5 cm."""
+        self._sizes = check_field("body", np.array([sizes], float), self.plan)[0]
         self._is_edited = True
 
     def set_current(self, current: ArrayLike) -> None:
@@ -183,9 +201,8 @@ class LiveSwim:
         for _ in range(updates * UPDATE_STEPS // stride):
             if self.steps % interval == 0:
                 self._steer()
-            left, right, caudal = self.actions.T
-            followed = self._robots.follow((left, right, caudal))
-            self._lanes.advance(scale_action(AQUAFISH, np.stack(followed, axis=1)), stride)
+            followed = np.stack(self._robots.follow(tuple(self.actions.T)), axis=1)
+            self._lanes.advance(scale_action(self.plan, followed), stride)
             self.steps += stride
             self.held += stride
             if self._lanes.diverged.any():
@@ -199,7 +216,7 @@ class LiveSwim:
         if isinstance(agent, SelfModelAgent):
             agent.swim_until(self.seconds + GAIT_HORIZON_SECONDS)
         actions = np.asarray(agent.act(self.observed), float).reshape(self.count, -1)
-        self.actions = np.clip(finite_array("actions", actions, (self.count, 3)), -1.0, 1.0)
+        self.actions = np.clip(finite_array("actions", actions, self.actions.shape), -1.0, 1.0)
         self.held = 0
 
     def _become(self) -> None:
@@ -222,11 +239,13 @@ class LiveSwim:
             fin_angles=self._angles,
             current=self._current,
             gyro_noise=self._noise,
+            reactive=self._reactive,
+            plan=self.plan,
         )
         return edit_each(intact, self._damages, self._stride)
 
     def _observe(self) -> None:
-        truth = observe(layout(AQUAFISH).state(self.states))
+        truth = observe(layout(self.plan).state(self.states))
         most = limits()
         self.observed = self._robots.sensors.observe(truth, -most, most, self._rng, self._everyone)
 
@@ -234,7 +253,7 @@ class LiveSwim:
 def part_forces(robot: Scenario, state: Floats) -> Floats:
     """Return the water's force on each fin and the hull, (F + 1, 3), in world axes.
 
-    By the drag law in a state (25,) of a scenario of one robot. The unit is that of water of
+    By the drag law in a state (R,) of a scenario of one robot. The unit is that of water of
     density 1: 6.25 mN.
     """
     plan = robot.plan
@@ -250,9 +269,9 @@ def part_forces(robot: Scenario, state: Floats) -> Floats:
 
 
 def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Floats, Floats]:
-    """Return bodies (1 + SAMPLES, 9) and states (25, 1 + SAMPLES) of an agent's self-model now.
+    """Return bodies (1 + SAMPLES, S) and states (R, 1 + SAMPLES) of an agent's self-model now.
 
-    The first is its own estimate, after its actions (1, 3) were held for some steps of 0.01 s. The
+    The first is its own estimate, after its actions (1, F) were held for some steps of 0.01 s. The
     others are samples of what it may be: states of the filter's covariance, and robots of the
     alternatives that its last inference found, in proportion to their weights.
     """
@@ -277,11 +296,15 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Fl
 
 
 def self_model_pilot(
-    gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0
+    gyro_noise: float = 0.0,
+    gyro_only: bool = False,
+    seed: int = 0,
+    robot: Scenario | None = None,
+    library: Sequence[Controller] | None = None,
 ) -> ViewerPilot:
-    """Return a pilot that models itself, with the packaged library of gaits."""
+    """Return a pilot that models itself; see ``SelfModelAgent`` for its robot and its library."""
     settings = AgentConfig(
         GAIT_HORIZON_SECONDS, gyro_noise=gyro_noise, gyro_only=gyro_only, seed=seed
     )
-    agent = SelfModelAgent(config=settings)
+    agent = SelfModelAgent(library, settings, robot)
     return ViewerPilot(agent, agent.hold)

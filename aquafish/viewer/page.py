@@ -22,12 +22,11 @@ from aquafish.online import SelfModelAgent, thresholds
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded, viser_module
 from aquafish.viewer.live import BELIEF_SAMPLES, UPDATE_STEPS, LiveSwim, ViewerPilot
-from aquafish.viewer.shapes import BOXES, Shapes, robots_in
+from aquafish.viewer.shapes import Shapes, robots_in
 from aquafish.viewer.thoughts import words_about
 from aquafish_gym.damage import Fault
-from aquafish_gym.damage.words import PARTS, needs_number
+from aquafish_gym.damage.words import FIN_WORDS, needs_number
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, DrawnRobots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
@@ -38,16 +37,18 @@ MN_PER_UNIT = 6.25
 MAXIMUM_REQUESTS = 20  # requests between two updates
 LONGEST_REPORT = 300  # characters of an error's text
 UPDATE_SECONDS = UPDATE_STEPS * TIMESTEP
-ROW_SPACING = 9.0  # between the start places of a batch along y, units
-LANE_SPACING = 5.0  # the same along x
-GHOST_DISTANCE = 3.5  # the ghost is drawn this far to the right of the fish
+# In rooms of the fish.
+ROW_SPACING = 3.75  # between the start places of a batch along y
+LANE_SPACING = 2.1  # the same along x
+GHOST_DISTANCE = 1.5  # the ghost is drawn this far to the right of the fish
+NAME_HEIGHT = 0.5  # of a name above the fish
 TRACE_UPDATES = 200  # that the gyroscope's traces show
 TRAIL_UPDATES = 400  # that a trail shows
 TEXT_UPDATES = 4  # updates between those of text, traces and trails
 ARROW_COLOUR = (230, 120, 0)
 TRAIL_COLOUR = (0, 90, 140)
 AXIS_COLOURS = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
-FAULT_WORDS = [word for word in PARTS["caudal"] if word != "thickness"]
+FAULT_WORDS = [word for word in FIN_WORDS if word != "thickness"]
 
 
 class Viewer:
@@ -83,12 +84,14 @@ class Viewer:
             self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
         # A colon ends the port also for a program that splits the address at colons.
         self.url = f"http://127.0.0.1:{self.server.get_port()}/:{token}/"
+        self._room = scene.fish_room(swim.plan)
+        self._boxes = scene.drawn_parts(swim.plan)[1:]
         columns = math.ceil(math.sqrt(swim.count))
         number = np.arange(swim.count)
         self._starts = np.array(
             [
-                (number % columns) * LANE_SPACING,
-                -(number // columns) * ROW_SPACING,
+                (number % columns) * LANE_SPACING * self._room,
+                -(number // columns) * ROW_SPACING * self._room,
                 np.zeros(swim.count),
             ]
         )
@@ -118,14 +121,15 @@ class Viewer:
             plane_color=scene.SAND, plane_opacity=1.0, shadow_opacity=0.25,
             section_thickness=1.6, cell_thickness=0.6, fade_distance=120.0,
         )  # fmt: skip
-        alike = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
+        plan = self.swim.plan
+        alike = robots_in(plan, self.swim.states[:, :1], self.swim.robots.body[:1])
         several, samples = (
             DrawnRobots(*(np.repeat(field, count, axis=0) for field in alike))
             for count in (self.swim.count, BELIEF_SAMPLES)
         )
         self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
-        self._clickable[self.robots.boxes.name] = self.swim.count * len(BOXES)
+        self._clickable[self.robots.boxes.name] = self.swim.count * len(self._boxes)
         self.ghost = Shapes(api, "/world/ghost", alike, scene.BELIEF, 0.5)
         self.samples = Shapes(api, "/world/samples", samples, scene.BELIEF, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
@@ -142,12 +146,15 @@ class Viewer:
         self.trail = api.add_line_segments(
             "/world/trail", nothing, TRAIL_COLOUR, thickness=2.5, thickness_units="screen"
         )
-        wide = LANE_SPACING * columns
+        wide = LANE_SPACING * self._room * columns
         camera = self.server.initial_camera
         camera.position = (
-            (-4.0, -8.5, 7.0) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
+            (-0.8 * wide, -1.7 * wide, 1.4 * wide)
+            if columns == 1
+            else (0.6 * wide, -1.5 * wide, 1.2 * wide)
         )
-        camera.look_at, camera.fov = (0.12 * wide + 2.0, 0.0, 0.0), math.radians(45)
+        camera.look_at = (0.12 * wide + 0.8 * self._room, 0.0, 0.0)
+        camera.fov = math.radians(45)
 
     def _build_controls(self) -> None:
         gui = self.server.gui
@@ -172,7 +179,7 @@ class Viewer:
                 "robot", 1, max(2, swim.count), 1, 1, visible=swim.count > 1
             )
         with gui.add_folder("Damage"):
-            self.fin = gui.add_dropdown("fin", AQUAFISH.names)
+            self.fin = gui.add_dropdown("fin", swim.plan.names)
             self.fault = gui.add_dropdown("fault", FAULT_WORDS)
             self.amount = gui.add_slider("number", 0.0, 1.0, 0.05, 0.5)
             self.everyone = gui.add_checkbox("all robots", False, visible=swim.count > 1)
@@ -184,9 +191,9 @@ class Viewer:
         with gui.add_folder("Fin sizes before damage, cm", expand_by_default=False):
             self.sizes = [
                 gui.add_slider(
-                    d.name.replace("_pectoral", "").replace(".", " "),
+                    f"{swim.plan.words[d.fin]} {d.size}",
                     0.0, CM_PER_UNIT * d.maximum, 0.05, CM_PER_UNIT * d.nominal,
-                ) for d in AQUAFISH.dimensions
+                ) for d in swim.plan.dimensions
             ]  # fmt: skip
         with gui.add_folder("Current, cm/s", expand_by_default=False):
             most = CM_PER_UNIT * MAXIMUM_CURRENT / 5
@@ -234,20 +241,20 @@ class Viewer:
         return None if self.everyone.value else [self.number.value - 1]
 
     def _chosen_fault(self) -> Fault:
-        needed = needs_number(PARTS[self.fin.value][self.fault.value])
+        needed = needs_number(FIN_WORDS[self.fault.value])
         number = self.amount.value if needed else None
         return Fault(self.fin.value, self.fault.value, number)
 
     def _clicked(self, event: Any) -> None:
         """Strike the fin that was clicked with the chosen fault."""
-        robot, box = divmod(event.instance_index, len(BOXES))
-        fin = BOXES[box].removesuffix("_break")
+        robot, box = divmod(event.instance_index, len(self._boxes))
+        fin = self._boxes[box].removesuffix("_break")
 
         def strike() -> None:
             self._on_page(self._choose, robot, fin)
             self.strike()
 
-        if fin in AQUAFISH.names:
+        if fin in self.swim.plan.names:
             self._ask(strike)
 
     def _choose(self, robot: int, fin: str) -> None:
@@ -350,19 +357,21 @@ class Viewer:
         states = swim.states.copy()
         states[FIELDS["position"]] = places = self._places()
         with self.server.atomic():
-            broken = [[fin in swim.broken(i) for fin in AQUAFISH.names] for i in range(swim.count)]
-            robots = robots_in(states, swim.robots.body, broken)
+            names = swim.plan.names
+            broken = [[fin in swim.broken(i) for fin in names] for i in range(swim.count)]
+            robots = robots_in(swim.plan, states, swim.robots.body, broken)
             self.robots.show(robots)
             self.world.position = -places.mean(axis=1) if self.follow.value else np.zeros(3)
-            self.floor.position = (0.0, 0.0, scene.floor_below(places.T, scene.fish_room(AQUAFISH)))
+            self.floor.position = (0.0, 0.0, scene.floor_below(places.T, self._room))
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
                 # Of the fins, then the body; an arrow of no length has no direction.
-                tails = robots.poses[me, np.r_[scene.fin_parts(), 0], :3]
+                tails = robots.poses[me, np.r_[scene.fin_parts(swim.plan), 0], :3]
                 heads = tails + live.part_forces(swim.robots.take(me), states[:, me]) + 1e-3
                 self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()
-            self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
+            self.name.text = f"robot {me + 1}"
+            self.name.position = places[:, me] + (0, 0, NAME_HEIGHT * self._room)
             if self._updates % TEXT_UPDATES == 0:
                 self._draw_past(me)
                 self._write(me)
@@ -375,10 +384,12 @@ class Viewer:
         self.ghost_name.visible = agent is not None
         if agent is not None:
             bodies, states = live.imagine_ghost(agent, self.swim.actions, self.swim.held)
-            states[FIELDS["position"]] += np.array([[GHOST_DISTANCE], [0], [0]])
-            self.ghost.show(robots_in(states[:, :1], bodies[:1]))
-            self.samples.show(robots_in(states[:, 1:], bodies[1:]))
-            self.ghost_name.position = states[FIELDS["position"], 0] + (0, 0, 1.2)
+            states[FIELDS["position"]] += np.array([[GHOST_DISTANCE * self._room], [0], [0]])
+            plan = self.swim.plan
+            self.ghost.show(robots_in(plan, states[:, :1], bodies[:1]))
+            self.samples.show(robots_in(plan, states[:, 1:], bodies[1:]))
+            above = (0, 0, NAME_HEIGHT * self._room)
+            self.ghost_name.position = states[FIELDS["position"], 0] + above
 
     def _draw_past(self, me: int) -> None:
         """Draw trails and the gyroscope's traces."""
@@ -397,18 +408,28 @@ class Viewer:
         """Write the readings, the damage, and what the self-model is."""
         swim, state = self.swim, self.swim.states[:, me]
         far = CM_PER_UNIT * state[FIELDS["position"]][1]
-        left, right, phase = np.degrees(layout(AQUAFISH).angles(state))
-        tail = 30 * math.sin(math.radians(phase))
+        fins = ", ".join(
+            f"{fin.word} {angle:z.0f}°" if fin.turns else f"{fin.word} {angle:+z.0f}°"
+            for fin, angle in zip(swim.plan.fins, np.degrees(self._hinges(state)), strict=True)
+        )
         push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
         self.reading.content = (
             f"**{far:+z.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
-            f"fins: left {left:z.0f}°, right {right:z.0f}°, tail {tail:+z.0f}°\n\n"
+            f"{fins}\n\n"
             f"the water pushes forward by {push:+z.1f} mN"
         )
         for button in (self.break_it, self.break_text):
             button.disabled = self.calibrates_for > 0
         self._write_damage(me)
         self.thoughts.content = words_about(self.agent, self.calibrates_for)
+
+    def _hinges(self, state: Floats) -> list[float]:
+        """Return the angles of the fins at their hinges in a state (R,), rad."""
+        angles = layout(self.swim.plan).angles(state).tolist()
+        return [
+            angle if fin.turns else fin.sweep * math.sin(angle)
+            for fin, angle in zip(self.swim.plan.fins, angles, strict=True)
+        ]
 
     def _write_damage(self, me: int) -> None:
         waits = ""

@@ -8,18 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
-from aquafish_gym.rendering.scene import BODY, Colour, DrawnRobots, drawn_parts, place_robots
+from aquafish_gym.plans import BodyPlan
+from aquafish_gym.rendering.scene import BODY, Colour, DrawnRobots, place_robots
 from aquafish_gym.utils.array_types import Floats
 
-BOXES = drawn_parts()[1:]
 
-
-def robots_in(states: Floats, bodies: Floats, broken: ArrayLike = False) -> DrawnRobots:
-    """Return robots of bodies (B, 9) with broken fins (B, 3) in states (25, B)."""
+def robots_in(
+    plan: BodyPlan, states: Floats, bodies: Floats, broken: ArrayLike = False
+) -> DrawnRobots:
+    """Return a plan's robots of bodies (B, S) with broken fins (B, F) in states (R, B)."""
     position, quaternion = (states[FIELDS[name]].T for name in ("position", "orientation"))
-    marked = np.broadcast_to(broken, (len(bodies), 3))
-    return place_robots(bodies, marked, position, quaternion, layout(AQUAFISH).angles(states).T)
+    angles = layout(plan).angles(states).T
+    marked = np.broadcast_to(broken, angles.shape)
+    return place_robots(bodies, marked, position, quaternion, angles, plan)
 
 
 class Shapes:
@@ -54,7 +55,7 @@ class Shapes:
             )  # fmt: skip
 
         self.capsules = add("capsules", capsule, 1)
-        self.boxes = add("boxes", trimesh.creation.box((1, 1, 1)), len(BOXES))
+        self.boxes = add("boxes", trimesh.creation.box((1, 1, 1)), robots.sizes.shape[1] - 1)
         self._look: Floats = np.zeros(0)
 
     def show(self, robots: DrawnRobots) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,21 +31,23 @@ from aquafish.viewer.live import (
     random_pilot,
 )
 from aquafish.viewer.page import FAULT_WORDS, Viewer
-from aquafish.viewer.shapes import BOXES, robots_in
+from aquafish.viewer.shapes import robots_in
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.dynamics import wrench
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
 from aquafish_gym.physics.layout import FIELDS, layout, robot_of
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.rendering import scene
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.agents import ControllerAgent
 from gait.swims.swim import swim as swim_alone
+from tests.plans import ODD
 
 POSITION, QUATERNION = FIELDS["position"], FIELDS["orientation"]
 VISER = importlib.util.find_spec("viser") is not None
+BOXES = scene.drawn_parts()[1:]
 needs_viser = pytest.mark.skipif(not VISER, reason="needs the extra view")
 
 
@@ -145,7 +148,7 @@ def test_the_forces_are_those_of_the_drag_law() -> None:
     flow = body.inv().apply(np.array(now.velocity) - current)
     force = body_drag(AQUAFISH, tuple(flow), now.spin)[0]
     np.testing.assert_allclose(found[3], body.apply(force), atol=1e-12)
-    poses = robots_in(live.states, live.robots.body).poses[0, scene.fin_parts()]
+    poses = robots_in(AQUAFISH, live.states, live.robots.body).poses[0, scene.fin_parts()]
     hinges = [(-0.75, 1.0, 0.0), (0.75, 1.0, 0.0), (0.0, -2.0, 0.0)]
     to_part = Rotation.from_matrix([np.eye(3), np.eye(3), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]])
     for k, (place, hinge) in enumerate(zip(poses, hinges, strict=True)):
@@ -323,6 +326,38 @@ def test_controls_break_and_change_the_swim(viewer: Viewer) -> None:
     assert [fault.word for fault in live.faults(0)] == FAULT_WORDS
 
 
+@needs_viser
+@pytest.mark.parametrize("plan", [FOUR_FINS, pytest.param(ODD, marks=pytest.mark.slow)])
+def test_a_fish_in_a_file_is_watched_and_broken(plan: BodyPlan, tmp_path: Path) -> None:
+    """No gaits are packaged for it, so its servos run at full speed."""
+    path = tmp_path / "own.json"
+    path.write_text(plan.to_json())
+    view = View(plan=str(path))
+    pilots = view.pilots()
+    assert next(iter(pilots)) == "full speed"
+    assert "self-model" not in pilots
+    live = LiveSwim(pilots["full speed"], plan=view.plan)
+    fin = plan.names[1]
+    with closing(Viewer(live, pilots, 8330)) as viewer:
+        assert viewer.fin.options == plan.names
+        assert len(viewer.sizes) == len(plan.dimensions)
+        viewer.fin.value, viewer.fault.value = fin, "missing"
+        press(viewer.break_it)
+        viewer.text.value = f"{plan.names[0]}:weak=0.5; random:severe"
+        press(viewer.break_text)
+        for _ in range(8):
+            viewer.update()
+        assert viewer.damage.content.startswith(f"broken: `{fin}:missing;{plan.names[0]}:weak=0.5")
+        assert all(f"{one.word} " in viewer.reading.content for one in plan.fins)
+        first = 3 * plan.names.index(fin)
+        assert live.robots.body[0, first : first + 3].tolist() == [0.0] * 3
+        forces = part_forces(live.robots, live.states[:, 0])
+        assert forces.shape == (len(plan.fins) + 1, 3)
+        assert not forces[1].any()
+    with pytest.raises(InvalidArgumentError, match="library must be given for the plan"):
+        View(plan=str(path), gyro_only=True).pilots()
+
+
 def test_play_pause_speed_and_start_again(viewer: Viewer) -> None:
     live = viewer.swim
     viewer.play.value = False
@@ -360,7 +395,7 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them() -> None:
         states = live.states.copy()
         states[POSITION] += batch._starts
         broken = [[fin in live.broken(i) for fin in AQUAFISH.names] for i in range(64)]
-        wanted = robots_in(states, live.robots.body, broken).poses[:, 1:].reshape(-1, 7)
+        wanted = robots_in(AQUAFISH, states, live.robots.body, broken).poses[:, 1:].reshape(-1, 7)
         boxes = batch.robots.boxes
         np.testing.assert_allclose(boxes.batched_positions, wanted[:, :3], atol=1e-5)
         np.testing.assert_allclose(
