@@ -68,10 +68,10 @@ def interval_text(values: Sequence[float], digits: int = 1) -> str:
 
 def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
     """Return a search with 1/``divisor`` of the generations, on one thread."""
-    plan = config.plan
-    fewer: dict[str, Any] = {"generations": max(1, plan.generations // divisor)}
-    if plan.cma_generations:
-        fewer["cma_generations"] = max(1, plan.cma_generations // divisor)
-    if plan.random_candidates:
-        fewer["random_candidates"] = max(plan.restarts, plan.random_candidates // divisor)
+    choices = config.choices
+    fewer: dict[str, Any] = {"generations": max(1, choices.generations // divisor)}
+    if choices.cma_generations:
+        fewer["cma_generations"] = max(1, choices.cma_generations // divisor)
+    if choices.random_candidates:
+        fewer["random_candidates"] = max(choices.restarts, choices.random_candidates // divisor)
     return replace(config, threads=1, **fewer)

@@ -12,10 +12,11 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from aquafish_gym.bodies import read_bodies
+from aquafish_gym.bodies import plan_key, read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import PlanLike
 from aquafish_gym.runs.command_line import (
     RESUMES,
     BodiesFile,
@@ -74,8 +75,8 @@ class Evolve(Given):
 
     example: ClassVar[str] = "--morphology out/swim/bodies.json --out out/evolve"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "morphology", "damage", "config", "senses", "task", "search", "generations", "seed",
-        "threads",
+        "out", "plan", "morphology", "damage", "config", "senses", "task", "search", "generations",
+        "seed", "threads",
     )  # fmt: skip
 
     out: Out = Path("out/evolve")
@@ -88,10 +89,10 @@ class Evolve(Given):
         """Evolve to the last generation, with progress."""
         if self.config.task != "forward":
             self.refuse_given(["seconds"], "except with --task forward")
-        bodies = _bodies(self.morphology, Damage.parse(self.damage))
+        bodies = _bodies(self.morphology, Damage.parse(self.damage), self.config.plan)
         drawn = _drawn_progress(
             "evolving",
-            self.config.plan.rows,
+            self.config.choices.rows,
             self.out / HISTORY_FILE,
             ("final (the winner)", "mean (all)", "generation"),
             lambda done: f"{RESUMES} from generation {done}",
@@ -141,9 +142,10 @@ class TransferCommand:
     def execute(self) -> None:
         """Swim both and print a table."""
         controller, config = Controller.load(self.controller), self.config
-        body = read_morphology(self.target_morphology, "target_morphology")
+        body = read_morphology(self.target_morphology, "target_morphology", controller.plan)
         target = Damage.parse(self.damage).apply(body)
         document = {
+            **plan_key(controller.plan),
             "native_morphology": controller.morphology.to_dict(),
             "target_morphology": target.to_dict(),
             "native_engine": check_engine(config.native_engine),
@@ -198,7 +200,7 @@ class BaselineCommand:
         """Learn to the last epoch, with progress."""
         config = self.config
         own, schedule = Damage.parse(self.damage).split()
-        bodies = _bodies(self.morphology, own)
+        bodies = _bodies(self.morphology, own, config.plan)
         drawn = _drawn_progress(
             "PPO",
             config.epochs,
@@ -258,10 +260,12 @@ def _drawn_progress(
                 plot_progress(table.with_suffix(".png"), x, final, mean, labels)
 
 
-def _bodies(file: Path | None, damage: Damage) -> list[Morphology]:
-    """Return the bodies in a file, or the nominal one, with damage."""
-    bodies = [None] if file is None else read_bodies(file, "morphology")
-    return [damage.apply(Morphology.coerce(body)) for body in bodies]
+def _bodies(file: Path | None, damage: Damage, plan: PlanLike) -> list[Morphology]:
+    """Return the bodies of a plan in a file, or the nominal one, with damage."""
+    bodies = [Morphology.nominal(plan)]
+    if file is not None:
+        bodies = [*read_bodies(file, "morphology", plan)]
+    return [damage.apply(body) for body in bodies]
 
 
 def _result_text(evolved: Evolved, config: EvolveConfig) -> str:

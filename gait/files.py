@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import write_bodies
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import file_path
@@ -29,17 +30,18 @@ def run_folder(
     outputs: Iterable[str],
     bodies: NDArray[np.float64],
     work: Callable[..., Any] | None = None,
+    plan: BodyPlan = AQUAFISH,
 ) -> Iterator[Path | None]:
     """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
 
-    A sample of bodies (M, 9) is written to ``bodies.json``. For the other parameters see
+    A sample of bodies (M, S) of a plan is written to ``bodies.json``. For the other parameters see
     ``aquafish_gym.runs.manifest.write_manifest``. InvalidArgumentError if the folder
     cannot be written, is in use, or holds another run.
     """
     place = None if out is None else file_path("out", out)
     with result_folder(place, kind, settings, outputs, work) as folder:
         if folder is not None and len(bodies) > 1:
-            write_bodies(folder / BODIES_FILE, bodies)
+            write_bodies(folder / BODIES_FILE, bodies, plan)
         yield folder
 
 

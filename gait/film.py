@@ -12,6 +12,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.damage.words import parts_of
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.course import FilmedSwim
@@ -103,12 +104,11 @@ class Film(Given):
         step_count(self.seconds)
         check_engine(self.engine)
         controllers = [Controller.load(path) for path in self.controllers]
-        bodies = [read_morphology(path, "morphology") for path in self.morphology]
         damages = [Damage.parse(text) for text in self.damage]
-        fish = max(len(controllers), len(bodies), len(damages), len(self.label))
+        fish = max(len(controllers), len(self.morphology), len(damages), len(self.label))
         given: dict[str, Sequence[Any]] = {
             "controllers": controllers,
-            "morphology": bodies or [None],
+            "morphology": self.morphology or [None],
             "damage": damages,
             "label": self.label or [""],
         }
@@ -128,23 +128,23 @@ class Film(Given):
         self,
         number: int,
         controller: Controller,
-        body: Morphology | None,
+        file: Path | None,
         damage: Damage,
         label: str,
     ) -> FilmedSwim:
-        """Return the swim of a fish; without a body, of the controller's own.
+        """Return the swim of a fish; without a body's file, of the controller's own.
 
         It begins in the zero pose, except for fins that are seized at an angle, or whose servos are
         dead: their angles are random.
         """
-        body = body or controller.morphology
-        if body is None:
-            raise InvalidArgumentError(
-                "morphology must be given: the controller has none; got none"
-            )
+        body = controller.morphology
+        if file is not None:
+            body = read_morphology(file, "morphology", controller.plan)
         rng = np.random.default_rng([self.seed, number])
-        damage = damage.sample(rng)
-        robot = damage.edit(Scenario.create(body), controller.interval).draw_angles([rng])
+        damage = damage.sample(rng, parts_of(body.plan))
+        robot = damage.edit(Scenario.create(body, plan=body.plan), controller.interval).draw_angles(
+            [rng]
+        )
         (path,) = rollout(
             [controller.policy(robot.fin_angles[0])],
             robot,
@@ -173,15 +173,24 @@ def filmed(
     if not isinstance(swim, Swim | RolloutPath):
         raise InvalidArgumentError(f"swim must be a recorded swim; got {brief(swim)}")
     instance("body", body, Morphology)
-    scenario = instance("damage", damage, Damage).edit(Scenario.create(body), hold)
-    bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
+    scenario = instance("damage", damage, Damage).edit(Scenario.create(body, plan=body.plan), hold)
+    fins = len(body.plan.fins)
+    bodies = np.empty((len(swim.time), len(body.sizes)))
+    broken = np.empty((len(swim.time), fins), bool)
     steps = round(float(swim.time[-1]) / TIMESTEP) + 1
     for begin, _, _, to in scenario.segments(steps):
         now = scenario.beginning if to is None else to
         later = swim.time > (begin - 0.5) * TIMESTEP
         bodies[later] = now.body[0]
-        sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)
+        sizes = (now.body[0] != body.to_array()).reshape(fins, 3).any(axis=1)
         broken[later] = sizes | (now.servo_gain[0] != 1.0)
     return FilmedSwim(
-        label, swim.time, bodies, broken, swim.position, swim.quaternion, swim.fin_angles
+        label,
+        swim.time,
+        bodies,
+        broken,
+        swim.position,
+        swim.quaternion,
+        swim.fin_angles,
+        body.plan,
     )

@@ -204,8 +204,8 @@ def test_a_rollout_draws_the_angles_of_dead_servos(engine: str) -> None:
 
 def test_a_program_from_a_state_believes_the_angles_of_that_state() -> None:
     senses = Senses(fins=True)
-    weights = np.zeros((3, len(senses.names) + 3))
-    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names)))
+    weights = np.zeros((3, len(senses.names()) + 3))
+    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names())))
     body = Morphology.nominal()
     program = program_of(
         [Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0, senses=senses)]

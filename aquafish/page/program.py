@@ -101,7 +101,7 @@ _FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
     sense_inputs: {
         "state": layout(AQUAFISH).state_numbers,
         "turns": 1,
-        "values": len(GAIT_SENSES.names),
+        "values": len(GAIT_SENSES.names()),
     },
     move: {
         "state": layout(AQUAFISH).state_numbers,

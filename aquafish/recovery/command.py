@@ -297,7 +297,7 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     gaits = {TREATMENTS[name].search: one.gait for name, one in first.items()}
     parts = {"eea": first["out-of-band"].eea.to_dict(), "transfer": asdict(job.transfer)}
     parts |= {
-        f"gait_{name}": {**gait.settings, "generations": gait.plan.generations}
+        f"gait_{name}": {**gait.settings, "generations": gait.choices.generations}
         for name, gait in sorted(gaits.items())
     }
     for part in parts.values():

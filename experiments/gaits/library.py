@@ -65,7 +65,7 @@ class Library:
             began = time.process_time()
             found.append(evolve_gait(robot.body[0], config, world=world).controller)
             seconds.append(time.process_time() - began)
-            steps.append(swum(SEARCH.plan.rows))
+            steps.append(swum(SEARCH.choices.rows))
         document = {
             "offline": {"steps": steps, "seconds": [round(one, 2) for one in seconds]},
             "gaits": [_short(one.to_dict()) for one in found],
@@ -76,9 +76,9 @@ class Library:
 
 def swum(generations: int) -> int:
     """Return the robot steps of 0.01 s in a search; those of finalists, some 5%, do not count."""
-    plan = SEARCH.plan
-    swims = plan.random_candidates * (1 + CANDIDATE_POSES)
-    swims += (generations - 1) * plan.population * (1 + SEARCH.poses)
+    choices = SEARCH.choices
+    swims = choices.random_candidates * (1 + CANDIDATE_POSES)
+    swims += (generations - 1) * choices.population * (1 + SEARCH.poses)
     return swims * round(SEARCH.seconds / TIMESTEP)
 
 

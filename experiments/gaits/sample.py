@@ -111,7 +111,7 @@ class CompareGaits:
     def execute(self) -> None:
         """Run the missing jobs, print a table, and write it to table.md."""
         jobs = self.jobs()
-        whole = {"seed": None, "generations": self.gait.plan.generations}
+        whole = {"seed": None, "generations": self.gait.choices.generations}
         settings = {"trials": self.trials, "gait": {**self.gait.settings, **whole}}
         with experiment(
             jobs, compare, self.out, "gaits for samples", settings, ("table.md",), self.workers

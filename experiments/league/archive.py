@@ -49,7 +49,7 @@ SPREAD = 0.1  # standard deviation of random gaits
 ISO = 0.02  # standard deviation of the variation in every direction
 LINE = 0.2  # standard deviation of the variation along the line between two elites
 POSES = 16  # from which an elite's pace is measured in the end
-SIZE = 3 * (1 + len(SENSES.names))  # numbers of a gait
+SIZE = 3 * (1 + len(SENSES.names()))  # numbers of a gait
 
 
 class Varied:

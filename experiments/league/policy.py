@@ -32,7 +32,7 @@ ANY_WATER = "any-water"
 TWINS = ("0", ANY_WATER, *map(str, range(1, SEEDS)))  # pairs of teacher and student
 STUDENT_SCHEMA = "aquafish.student/1"
 SENSES = Senses(fins=True)  # of ``PPO, fins``
-INPUTS = len(SENSES.names) + 6  # of a policy: also its previous action, and the gait's
+INPUTS = len(SENSES.names()) + 6  # of a policy: also its previous action, and the gait's
 CLOCK = 0.7  # Hz, of ``PPO, fins``
 INTERVAL = 20  # steps of 0.01 s of an action
 DT = INTERVAL * TIMESTEP  # s of an action

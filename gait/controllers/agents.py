@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_same_plan
 from aquafish_gym.rollout.plan import Act
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
 from aquafish_gym.utils.array_types import Floats, Observations
@@ -50,7 +50,7 @@ class Agent(Protocol):
         """Begin new episodes, given the ``info`` that the environment's reset returned."""
 
     def act(self, observations: Observations, /) -> ArrayLike:
-        """Return actions (E, 3) in [-1, 1] for observations (E, k)."""
+        """Return actions (E, F) in [-1, 1] for observations (E, k)."""
 
 
 class ControllerAgent(NetworkAgent):
@@ -66,7 +66,7 @@ class ControllerAgent(NetworkAgent):
         One for all robots, or a list of controllers of one ``kind``, one for each robot. Its
         ``interval`` must be the environment's ``frame_skip``.
     believed_gain
-        (3,) the servo gains by which it reckons its fins from its commands.
+        (F,) the servo gains by which it reckons its fins from its commands; None is 1 for each.
 
     Attributes
     ----------
@@ -74,6 +74,8 @@ class ControllerAgent(NetworkAgent):
         The first robot's.
     interval
         For how many steps of 0.01 s an action is held.
+    plan
+        The robots' body plan.
 
     Examples
     --------
@@ -89,14 +91,16 @@ class ControllerAgent(NetworkAgent):
     def __init__(
         self,
         controller: Controller | Sequence[Controller],
-        believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+        believed_gain: ArrayLike | None = None,
     ) -> None:
         if isinstance(controller, list | tuple):
             controllers = check_controllers(controller)
         else:
             controllers = [instance("controller", controller, Controller)]
-        gain = finite_array("believed_gain", believed_gain, (len(AQUAFISH.names),))
-        super().__init__(program_of(controllers), gain)
+        program = program_of(controllers)
+        fins = len(program.plan.fins)
+        gain = np.ones(fins) if believed_gain is None else believed_gain
+        super().__init__(program, finite_array("believed_gain", gain, (fins,)))
         self.controller = controllers[0]
 
 
@@ -105,10 +109,11 @@ def make_agent(
     interval: int | None = None,
     dt: float | None = None,
     argument: str = "agent",
+    plan: BodyPlan | None = None,
 ) -> Agent:
     """Return an agent that acts by a controller of any of the ``KINDS``.
 
-    An object with ``act`` may lack ``reset``. One with ``begin(fin_angles)``, of angles (3,) in
+    An object with ``act`` may lack ``reset``. One with ``begin(fin_angles)``, of angles (F,) in
     rad, is of one robot, and its ``act`` of an observation (k,): each robot has a copy of it.
 
     Parameters
@@ -121,13 +126,17 @@ def make_agent(
         The same in s, for a function of the time; None follows from ``interval``.
     argument
         The controller's name in errors.
+    plan
+        The body plan of the robots; None if unknown.
 
     Raises
     ------
     InvalidArgumentError
-        If the controller is of no such kind, holds its actions for another number of steps, or
-        takes the time where ``dt`` is unknown.
+        If the controller is of no such kind, is of another plan, holds its actions for another
+        number of steps, or takes the time where ``dt`` is unknown.
     """
+    if plan is not None:
+        check_same_plan(argument, plan_of(controller, default=plan), plan)
     own = own_interval(controller)
     if own is not None and own != interval:
         raise InvalidArgumentError(
@@ -163,6 +172,7 @@ def make_policy(
     fin_angles: Floats,
     servo_gain: Floats,
     observe_fins: str | bool = False,
+    plan: BodyPlan = AQUAFISH,
 ) -> Act:
     """Return a policy of one robot that acts as its controller would in an environment.
 
@@ -173,17 +183,20 @@ def make_policy(
     interval
         For how many steps of 0.01 s an action is held.
     fin_angles, servo_gain
-        (3,) initial angles in rad, and servo gains, that a controller assumes which uses them.
+        (F,) initial angles in rad, and servo gains, that a controller assumes which uses them.
     observe_fins
         ``"reckoned"`` appends the sines and cosines of the fin angles to the observation, as the
         environments do: they are integrated from ``fin_angles`` by the commands and
         ``servo_gain``. False does not.
+    plan
+        The robot's body plan.
 
     Raises
     ------
     InvalidArgumentError
         As :func:`make_agent`.
     """
+    check_same_plan("controller", plan_of(controller, default=plan), plan)
     if isinstance(controller, Controller):
         return controller.policy(fin_angles, servo_gain)
     if takes_time(controller):
@@ -194,7 +207,7 @@ def make_policy(
 
         def act(observation: Floats, _time: float) -> Floats:
             actions = agent.act(observation[None].astype(np.float32))
-            return np.asarray(actions, np.float64).reshape(len(AQUAFISH.names))
+            return np.asarray(actions, np.float64).reshape(len(plan.fins))
 
     if not observe_fins:
         return act
@@ -204,11 +217,27 @@ def make_policy(
         nonlocal angles
         imu, goal = np.split(observation, [len(CHANNELS)])
         seen = np.concatenate([imu, *np.sin(angles), *np.cos(angles), goal])
-        action = finite_array("action", act(seen, time), (len(AQUAFISH.names),))
-        angles = reckoned(angles, action[None], interval * TIMESTEP, servo_gain)
+        action = finite_array("action", act(seen, time), (len(plan.fins),))
+        angles = reckoned(angles, action[None], interval * TIMESTEP, servo_gain, plan)
         return action
 
     return act_with_fins
+
+
+def plan_of(*values: object, default: BodyPlan = AQUAFISH) -> BodyPlan:
+    """Return the body plan of the first value, or entry of a list, that has one.
+
+    Examples
+    --------
+    >>> from aquafish_gym import Morphology
+    >>> plan_of(None, [Morphology.nominal("tail-fish")])
+    BodyPlan('tail-fish': tail, left_fin, right_fin)
+    """
+    for value in values:
+        for each in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(plan := getattr(each, "plan", None), BodyPlan):
+                return plan
+    return default
 
 
 class Beliefs(NamedTuple):

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path
-from gait.controllers.network import OUTPUTS
 
 _FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
-# Of a controller's or a model's vectors, or of a policy's.
-_HEADER = re.compile(rf"[\w,]*({','.join(OUTPUTS)}|observation_0,[\w,]*action_0)[\w,]*\n".encode())
-
+_COLUMNS = re.compile(rb"[a-z]\w*(,[a-z]\w*)*\n")  # of test vectors
 
 # Of C's own headers, in front of which a header of the same name would be found.
 _HEADERS_OF_C = re.compile(
@@ -53,9 +51,14 @@ def c_file_path(argument: str, path: Path | str) -> Path:
             f"{argument} must have another name: its header {source.stem}.h would hide C's own "
             f"<{source.stem.lower()}.h>; got {brief(source.name)}"
         )
-    for suffix, ours in ((".c", _FIRST_LINE), (".h", _FIRST_LINE), (".csv", _HEADER)):
+    beside = False
+    for suffix, ours in ((".c", _FIRST_LINE), (".h", _FIRST_LINE), (".csv", _COLUMNS)):
         file = source.with_suffix(suffix)
-        if file.exists() and not (file.is_file() and ours.match(file.read_bytes())):
+        is_ours = file.is_file() and bool(ours.match(file.read_bytes()))
+        if suffix == ".csv":
+            is_ours &= beside  # any table might have such columns
+        beside |= is_ours
+        if file.exists() and not is_ours:
             raise InvalidArgumentError(
                 f"{argument} must not overwrite a file that no export wrote; {file} exists"
             )
@@ -124,6 +127,15 @@ def _lines(template: str) -> Iterator[str]:
             yield from _lines(line.removeprefix("//+ "))
         else:
             yield line
+
+
+def servo_lines(plan: BodyPlan) -> str:
+    """Return the lines of a comment that say what each servo's command is."""
+    return "\n".join(
+        f" *            [{i}] {fin.word}, "
+        + (f"rev/s, {-fin.speed:g} to {fin.speed:g}" if fin.turns else f"Hz, 0 to {fin.speed:g}")
+        for i, fin in enumerate(plan.fins)
+    )
 
 
 def c_float(number: float) -> str:

@@ -73,7 +73,7 @@ void NAME_reset(NAME_state *state$RESET_PARAMETERS)
     state->steps = 0;
 //.
 //? fins
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < $FINS; i++) {
         state->fins[i] = (float)((double)fin_angles[i] / 6.283185307179586);
         state->gain[i] = servo_gain[i];
     }
@@ -84,7 +84,7 @@ void NAME_reset(NAME_state *state$RESET_PARAMETERS)
 //.
 }
 
-void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
+void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[$FINS])
 {
     float next[NAME_widest_layer];
     float *input = state->values;
@@ -116,7 +116,7 @@ void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
 //.
 //? fins
 
-    for (int i = 0; i < 3; i++, input += 2)
+    for (int i = 0; i < $FINS; i++, input += 2)
         NAME_wave(state->fins[i], input);
 //.
 //? goal
@@ -146,13 +146,11 @@ void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
             input[i] = next[i - begin];
     }
 
-    const float *action = input + NAME_nodes - 3;
-    command[0] = 0.5f * action[0];
-    command[1] = 0.5f * action[1];
-    command[2] = 0.5f + 0.5f * action[2];
+    const float *action = input + NAME_nodes - $FINS;
+$COMMANDS
 //? fins
 
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < $FINS; i++)
         state->fins[i] = state->fins[i] + $PERIOD * (state->gain[i] * command[i]);
 //.
 }
@@ -162,7 +160,7 @@ static void NAME_answer(long steps, const float *row, float *found)
 {
     static NAME_state state;
 //? fins
-    const float fin_angles[3] = {$FIN_ANGLES}, servo_gain[3] = {$SERVO_GAIN};
+    const float fin_angles[$FINS] = {$FIN_ANGLES}, servo_gain[$FINS] = {$SERVO_GAIN};
 //.
     if (steps == 0)
         NAME_reset(&state$RESET_CALL);

@@ -1,4 +1,4 @@
-/* Written by `aquafish export`: the controller of a swimming robot with three servos.
+/* Written by `aquafish export`: the controller of a swimming robot with $FINS servos.
  *
  * $DESCRIPTION
  *
@@ -8,8 +8,8 @@
  *     NAME_reset(&state$RESET_CALL);  // before a swim
  *     NAME_step(&state$STEP_CALL, command);  // every $MILLISECONDS ms (NAME_milliseconds)
  *
- * command    left and right pectoral servo in rev/s, [-0.5, 0.5]; tail in beats per second (Hz),
- *            [0, 1]. Hold it until the next step.
+ * command    of the servos, to hold until the next step:
+$SERVOS
 //? imu
  * imu        the world's up (x, y, z) and north (x, y, z; the heading to swim in) as unit vectors,
  *            and the angular velocity (x, y, z) in rad/s, all in body axes: x is to the right,
@@ -23,7 +23,7 @@
  *            is not observed: the last one is held.
 //.
 //? fins
- * fin_angles where the left pectoral, the right pectoral and the tail's beat begin, in rad.
+ * fin_angles where each fin begins, or the phase of its beat, in rad, in the order of the servos.
  * servo_gain how fast each servo turns relative to its command: 1 if it is whole.
  *            From these and its commands, the controller reckons the angles (state.fins, in turns
  *            of 2 pi). Where an encoder knows better, set state.fins before a step.
@@ -49,13 +49,13 @@ enum {
 };
 
 typedef struct {
-    float values[NAME_inputs + NAME_nodes]; /* the last three: the action, in [-1, 1] */
+    float values[NAME_inputs + NAME_nodes]; /* the last $FINS: the action, in [-1, 1] */
 //? clock
     uint32_t steps; /* since the reset */
 //.
 //? fins
-    float fins[3];  /* in turns */
-    float gain[3];
+    float fins[$FINS];  /* in turns */
+    float gain[$FINS];
 //.
 //? goal
     float goal[3];  /* the last that was observed */
@@ -63,7 +63,7 @@ typedef struct {
 } NAME_state;
 
 void NAME_reset(NAME_state *state$RESET_PARAMETERS);
-void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3]);
+void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[$FINS]);
 
 #ifdef __cplusplus
 }

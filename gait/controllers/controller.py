@@ -11,8 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
 from aquafish_gym.rollout import Program
 from aquafish_gym.rollout.plan import Act
 from aquafish_gym.utils.storage import read_document, write_document
@@ -27,7 +28,7 @@ from aquafish_gym.utils.validation import (
 )
 from gait.controllers import network
 from gait.controllers.checks import check_fields, check_order, check_senses, check_sums
-from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.network import Senses
 from gait.controllers.network_agent import NetworkAgent
 
 SCHEMA = "gait.controller/2"
@@ -38,17 +39,17 @@ MAXIMUM_HELD_STEPS = 1000  # physics steps that an action may be held for
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
 OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
-_UNIT_GAIN = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A network from senses to three servo speeds.
+    """A network from senses to the speeds of a robot's servos.
 
     Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)). The vector v holds the
-    inputs (``senses.names``) and then the nodes' values: present ones of earlier layers, previous
-    ones (0 at first) of all others. The last three nodes are the outputs in [-1, 1], in the order
-    of the servos. One table holds every class of controller; NEAT's have one layer for each node.
+    inputs (``inputs``) and then the nodes' values: present ones of earlier layers, previous
+    ones (0 at first) of all others. The last nodes, one for each servo in the order of the plan's
+    fins, are the outputs in [-1, 1]. One table holds every class of controller; NEAT's have one
+    layer for each node.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ class Controller:
     clock
         Frequency of the clock, in Hz.
     morphology, seed
-        The body it was evolved on, and the seed of that run.
+        The body it was evolved on, whose plan is the controller's, and the seed of that run.
     sample
         Size and hash of the sample of bodies it was evolved on, whose median is ``morphology``;
         None for one body.
@@ -102,12 +103,14 @@ class Controller:
 
     def __post_init__(self) -> None:
         check_senses(self.senses)
-        inputs = len(self.senses.names)
+        instance("controller.morphology", self.morphology, Morphology)
+        inputs = len(self.inputs)
+        outputs = len(self.plan.fins)
         bias = finite_array("controller.bias", self.bias, (None,))
         nodes = len(bias)
-        if not len(OUTPUTS) <= nodes <= MAXIMUM_NODES:
+        if not outputs <= nodes <= MAXIMUM_NODES:
             raise InvalidArgumentError(
-                f"controller.bias must have {len(OUTPUTS)} to {MAXIMUM_NODES} entries; got {nodes}"
+                f"controller.bias must have {outputs} to {MAXIMUM_NODES} entries; got {nodes}"
             )
         response = finite_array("controller.response", self.response, (nodes,))
         weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
@@ -120,14 +123,13 @@ class Controller:
                     f"controller.layers must be a list of node counts; got {brief(layers)}"
                 )
             layers = tuple(integer("controller.layers", n, 1, nodes) for n in layers)
-            if sum(layers) != nodes or layers[-1] < len(OUTPUTS):
+            if sum(layers) != nodes or layers[-1] < outputs:
                 raise InvalidArgumentError(
-                    f"controller.layers must sum to {nodes} nodes, {len(OUTPUTS)} or more in the "
-                    f"last; got {layers}"
+                    f"controller.layers must sum to {nodes} nodes, {outputs} or more in the last; "
+                    f" got {layers}"
                 )
         for array in (bias, response, weights):
             array.setflags(write=False)
-        instance("controller.morphology", self.morphology, Morphology)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         seed = integer("controller.seed", self.seed, 0, MAXIMUM_SEED)
         interval = integer("controller.interval", self.interval, 1, MAXIMUM_HELD_STEPS)
@@ -164,7 +166,7 @@ class Controller:
         biases = finite_array("controller.bias", bias, (count, self.nodes))
         clocks = finite_array("controller.clock", clock, (count,), 0.0, 50.0, "Hz")
         check_sums(numbers, biases, self.response)
-        check_order(numbers[:, :, len(self.senses.names) :], self.layers)
+        check_order(numbers[:, :, len(self.inputs) :], self.layers)
         for array in (numbers, biases):
             array.setflags(write=False)
         shared = vars(self)
@@ -176,8 +178,18 @@ class Controller:
         return found
 
     @property
+    def plan(self) -> BodyPlan:
+        """The body plan of the robots that it steers."""
+        return self.morphology.plan
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The names of its inputs, in the order of the weights."""
+        return self.senses.names(self.plan)
+
+    @property
     def nodes(self) -> int:
-        """Number of nodes, including the three outputs."""
+        """Number of nodes, including the outputs."""
         return len(self.bias)
 
     @property
@@ -188,7 +200,7 @@ class Controller:
     @property
     def memory(self) -> bool:
         """Whether a node has an input from its own layer or a later one."""
-        inputs = len(self.senses.names)
+        inputs = len(self.inputs)
         return any(
             self.weights[begin:end, inputs + begin :].any()
             for begin, end in pairwise((0, *self._ends))
@@ -197,22 +209,22 @@ class Controller:
     @property
     def kind(self) -> tuple[Any, ...]:
         """The properties that controllers of one batch must share."""
-        return self.senses, self.layers, self.output, self.interval
+        return self.plan, self.senses, self.layers, self.output, self.interval
 
     @property
     def _ends(self) -> tuple[int, ...]:
         return tuple(accumulate(self.layers or (1,) * self.nodes))
 
     def layout(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.int64]:
-        """Return the integers that ``network.respond`` reads, padded as :meth:`genes`."""
+        """Return the integers that ``network.responder`` reads, padded as :meth:`genes`."""
         padded = self._padded(nodes)
         remembers = self.memory if memory is None else memory
-        sizes = len(self.senses.names), padded.nodes, remembers, self.output == "clip"
+        sizes = len(self.inputs), padded.nodes, remembers, self.output == "clip"
         ends = padded._ends
         return np.array([*self.senses.layout, *sizes, len(ends), *ends], np.int64)
 
     def genes(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.float64]:
-        """Return the rows that ``network.respond`` reads, for one robot.
+        """Return the rows that ``network.responder`` reads, for one robot.
 
         For a batch of controllers of one :attr:`kind`, silent hidden nodes pad each to ``nodes``,
         and ``memory`` adds room for memory.
@@ -224,8 +236,8 @@ class Controller:
         if nodes is None or nodes == self.nodes:
             return self
         more = nodes - self.nodes
-        hidden = self.nodes - len(OUTPUTS)
-        inputs = len(self.senses.names)
+        hidden = self.nodes - len(self.plan.fins)
+        inputs = len(self.inputs)
         place = np.concatenate([np.arange(hidden), np.arange(hidden, self.nodes) + more])
         weights = np.zeros((nodes, inputs + nodes))
         weights[np.ix_(place, [*range(inputs), *(inputs + place)])] = self.weights
@@ -242,7 +254,7 @@ class Controller:
         )
 
     def policy(
-        self, fin_angles: ArrayLike = (0.0, 0.0, 0.0), servo_gain: ArrayLike = _UNIT_GAIN
+        self, fin_angles: ArrayLike | None = None, servo_gain: ArrayLike | None = None
     ) -> Act:
         """Return a policy that steers one robot through one swim.
 
@@ -250,13 +262,16 @@ class Controller:
         observation, and the last three if it senses a goal. A reading that is not finite, or beyond
         its sensor's range, is not observed: the last one of that channel stands.
 
-        If it senses its fins, it assumes these initial angles (3,) in rad and servo gains (3,). It
-        acts when first called, and whenever ``interval`` is over since; in between it returns the
-        action that it holds. Called late, it takes the intervals that were missed for ones of the
-        action in force: its clock and fins go on by whole intervals.
+        If it senses its fins, it assumes these initial angles (F,) in rad, by default 0, and servo
+        gains (F,), by default 1. It acts when first called, and whenever ``interval`` is over
+        since; in between it returns the action that it holds. Called late, it takes the intervals
+        that were missed for ones of the action in force: its clock and fins go on by whole
+        intervals.
         """
-        gains = finite_array("servo_gain", servo_gain, (len(AQUAFISH.names),))
-        return NetworkAgent(program_of([self]), gains).policy(fin_angles)
+        fins = len(self.plan.fins)
+        gains = np.ones(fins) if servo_gain is None else servo_gain
+        agent = NetworkAgent(program_of([self]), finite_array("servo_gain", gains, (fins,)))
+        return agent.policy(np.zeros(fins) if fin_angles is None else fin_angles)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
@@ -267,10 +282,11 @@ class Controller:
             if (value := getattr(self, name)) != defaults[name]
         }
         return {
-            "inputs": list(self.senses.names),
-            "outputs": list(OUTPUTS),
+            "inputs": list(self.inputs),
+            "outputs": list(self.plan.names),
             "clock": self.clock,
             "seed": self.seed,
+            **plan_key(self.plan),
             "morphology": self.morphology.to_dict(),
             **{name: list(v) if isinstance(v, tuple) else v for name, v in optional.items()},
             "bias": self.bias.tolist(),
@@ -281,19 +297,20 @@ class Controller:
     @classmethod
     def from_dict(cls, data: object) -> Controller:
         """Return the controller of a :meth:`to_dict`; InvalidArgumentError names a wrong field."""
-        names = {"inputs", "outputs", *cls.__dataclass_fields__}
-        fields = dict(check_fields("controller", data, names, OPTIONAL))
+        names = {"inputs", "outputs", "plan", *cls.__dataclass_fields__}
+        fields = dict(check_fields("controller", data, names, (*OPTIONAL, "plan")))
+        plan = check_plan(fields.pop("plan", AQUAFISH))
         senses = IMU_AND_CLOCK
         if "senses" in fields:
             known = Senses.__dataclass_fields__
             given = check_fields("controller.senses", fields["senses"], known, ("goal",))
             fields["senses"] = senses = Senses(**given)
             check_senses(senses)
-        for name, expected in (("inputs", senses.names), ("outputs", OUTPUTS)):
+        for name, expected in (("inputs", senses.names(plan)), ("outputs", plan.names)):
             if fields.pop(name) != list(expected):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
-        body = check_fields("controller.morphology", fields["morphology"], AQUAFISH.names)
-        return cls(**{**fields, "morphology": Morphology.coerce(body)})
+        body = check_fields("controller.morphology", fields["morphology"], plan.names)
+        return cls(**{**fields, "morphology": Morphology.coerce(body, plan)})
 
     def save(self, path: Path | str) -> None:
         """Write a ``controller.json``, whole or not at all."""
@@ -328,19 +345,20 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
     memory = any(c.memory for c in controllers)
     rows = _genes([c._padded(nodes) for c in controllers], memory)
     return Program(
-        network.respond,
+        network.responder(first.plan),
         np.repeat(rows, swims, axis=1),
         first.layout(nodes, memory),
-        len(first.senses.names) + 2 * nodes,
+        len(first.inputs) + 2 * nodes,
         first.interval,
         first.senses.goal,
+        first.plan,
     )
 
 
 def _genes(controllers: Sequence[Controller], memory: bool) -> NDArray[np.float64]:
     """Return the genes of P controllers of one kind, equally large, as columns."""
     first = controllers[0]
-    inputs = len(first.senses.names)
+    inputs = len(first.inputs)
     nodes = first.nodes
     table = np.empty((nodes, 2 + inputs + nodes, len(controllers)))
     table[:, 0] = np.transpose([c.bias for c in controllers])

@@ -80,7 +80,7 @@ def layers_of(controller: Controller) -> list[Singles]:
     The first row is the bias; the gain before the hyperbolic tangent is a factor of them. The
     controller must have layers and no memory.
     """
-    inputs = len(controller.senses.names)
+    inputs = len(controller.inputs)
     ends = np.cumsum((0, *(controller.layers or ()))).tolist()
     found = []
     for begin, end in pairwise(ends):

@@ -1,7 +1,8 @@
 """The command ``export``, and a controller as a C99 file for a microcontroller, with vectors.
 
-``controller.c`` restates ``network.respond``, ``command.lane_servo_speeds`` and ``command.reckon``
-in C. The test vectors are what these functions return in float32 lanes, and both agree to the bit.
+``controller.c`` restates ``network.responder``, ``command.lane_servo_speeds`` and
+``command.reckon`` in C. The test vectors are what these functions return in float32 lanes, and both
+agree to the bit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from aquafish_gym.bodies import MorphologiesLike, read_bodies
 from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan, check_plan
 from aquafish_gym.rollout.programs import ProgramAgent
 from aquafish_gym.runs.command_line import BodiesFile, Given
 from aquafish_gym.sense import RANGE_TOLERANCE, limits
@@ -30,13 +31,14 @@ from gait.controllers.c_files import (
     c_file_path,
     c_float,
     c_floats,
+    servo_lines,
     source_and_header,
     wrapped,
 )
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.export_model import model_file
 from gait.controllers.export_policy import policy_file
-from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.network import Senses
 from gait.controllers.sb3_zip import read_policy
 
 VECTOR_COUNT = 1000
@@ -72,6 +74,8 @@ class Export(Given):
     activation: Annotated[str | None, arg(metavar="NAME")] = None
     """Which of Tanh, ReLU, LeakyReLU, ELU and SiLU computes what the policy's own activation_fn
     does, if it is not one of PyTorch."""
+    plan: str | None = None
+    """The body plan of a model without a controller: its name, or a JSON file; default aquafish."""
     morphology: BodiesFile = None
     reactive: bool = False
     """Whether the model's water also resists acceleration; see docs/physics.md."""
@@ -92,7 +96,7 @@ class Export(Given):
                 f"--model takes the body of a controller.json; a policy has none: {self.controller}"
             )
         if self.model is None:
-            self.refuse_given(["morphology", "reactive"], "without --model")
+            self.refuse_given(["plan", "morphology", "reactive"], "without --model")
         elif self.c is not None and self.model.stem.lower() == self.c.stem.lower():
             raise InvalidArgumentError(
                 "--c and --model must have two names, which begin those of the functions; "
@@ -109,9 +113,12 @@ class Export(Given):
                 else controller_file(found, self.c)
             )
         if self.model is not None:
-            bodies: MorphologiesLike = Morphology.nominal() if found is None else found.morphology
+            if found is not None:
+                self.refuse_given(["plan"], "with a controller, which has a plan of its own")
+            plan = check_plan(self.plan or "aquafish") if found is None else found.plan
+            bodies: MorphologiesLike = found.morphology if found else Morphology.nominal(plan)
             if self.morphology is not None:
-                bodies = read_bodies(self.morphology, "morphology")
+                bodies = read_bodies(self.morphology, "morphology", plan)
             made.append(model_file(bodies, self.model, self.reactive))
         written = [path for file in made for path in file.write()]  # now that none is refused
         for path in written:
@@ -139,12 +146,14 @@ def controller_file(controller: Controller, path: Path | str) -> CFile:
     source = c_file_path("c", path)
     texts = controller_texts(controller, source.stem)
     rows = np.concatenate(make_vectors(controller, VECTOR_COUNT), axis=1)
-    return CFile(source, *texts, (*_columns(controller.senses), *OUTPUTS), rows)
+    return CFile(source, *texts, (*_columns(controller.senses), *controller.plan.names), rows)
 
 
 def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
     """Return a controller's C file and header; ``name`` begins the names of its functions."""
     senses = controller.senses
+    plan = controller.plan
+    fins = len(plan.fins)
     layers = controller.layers or (1,) * controller.nodes
     nodes, sources = np.nonzero(controller.weights)
     first = np.searchsorted(nodes, np.arange(controller.nodes + 1))
@@ -157,7 +166,7 @@ def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
         activation = f"layer < NAME_layers - 1 ? NAME_tanh(z) : {activation}"
     given = ["imu"] * senses.imu + ["goal"] * senses.goal
     start = ["fin_angles", "servo_gain"] * senses.fins
-    sizes = {"imu": 9, "goal": 3, "fin_angles": 3, "servo_gain": 3}
+    sizes = {"imu": 9, "goal": 3, "fin_angles": fins, "servo_gain": fins}
     rows = {"imu": "row", "goal": "row + 9" if senses.imu else "row"}
     most = limits(has_goal=True)
     unit, spin, way = most[[0, 6, 9]] * RANGE_TOLERANCE
@@ -166,8 +175,8 @@ def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
         "MILLISECONDS": controller.interval * round(1000 * TIMESTEP),
         "INTERVAL": controller.interval,
         "PERIOD": c_float(controller.interval * TIMESTEP),
-        "INPUTS": len(senses.names),
-        "INPUT_NAMES": "\n * ".join(textwrap.wrap(", ".join(senses.names), 97)) or "none",
+        "INPUTS": len(controller.inputs),
+        "INPUT_NAMES": "\n * ".join(textwrap.wrap(", ".join(controller.inputs), 97)) or "none",
         "NODES": controller.nodes,
         "LAYERS": len(layers),
         "WIDEST": max(layers),
@@ -191,10 +200,13 @@ def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
         "RANGES": f"gyroscope {most[6]:.4g} rad/s, goal {most[9]:.4g}",
         "TYPE": "float",
         "FORMAT": "%f",
-        "COLUMNS": len(_columns(senses)) + len(OUTPUTS),
-        "ANSWERS": len(OUTPUTS),
-        "FIN_ANGLES": c_floats(VECTOR_FIN_ANGLES),
-        "SERVO_GAIN": c_floats(VECTOR_SERVO_GAIN),
+        "FINS": fins,
+        "SERVOS": servo_lines(plan),
+        "COMMANDS": _commands(plan),
+        "COLUMNS": len(_columns(senses)) + fins,
+        "ANSWERS": fins,
+        "FIN_ANGLES": c_floats(np.resize(VECTOR_FIN_ANGLES, fins)),
+        "SERVO_GAIN": c_floats(np.resize(VECTOR_SERVO_GAIN, fins)),
     }
     parts = {
         "imu": senses.imu,
@@ -213,7 +225,7 @@ def controller_texts(controller: Controller, name: str) -> tuple[str, str]:
 def make_vectors(
     controller: Controller, steps: int, seed: int = 0
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return random observations (steps, n) and the commands (steps, 3) that follow, in float32.
+    """Return random observations (steps, n) and the commands (steps, F) that follow, in float32.
 
     The observations, all in range, are up, north and gyro if the controller has an IMU, then the
     way to the goal if it senses one.
@@ -228,18 +240,30 @@ def make_vectors(
 
 
 def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the commands (T, 3) that follow observations (T, 12): up, north, gyro, goal.
+    """Return the commands (T, F) that follow observations (T, 12): up, north, gyro, goal.
 
-    The swim begins with ``VECTOR_FIN_ANGLES`` and ``VECTOR_SERVO_GAIN``.
+    The swim begins with ``VECTOR_FIN_ANGLES`` and ``VECTOR_SERVO_GAIN``, which more fins repeat.
     """
-    fins = np.array([VECTOR_FIN_ANGLES])
-    agent = ProgramAgent(program_of([controller]), fins, VECTOR_SERVO_GAIN, np.float32)
+    count = len(controller.plan.fins)
+    fins = np.resize(VECTOR_FIN_ANGLES, (1, count))
+    gains = np.resize(VECTOR_SERVO_GAIN, count)
+    agent = ProgramAgent(program_of([controller]), fins, gains, np.float32)
     times = np.arange(len(observations)) * controller.interval * TIMESTEP
     pairs = zip(observations, times.tolist(), strict=True)
     actions = np.array([agent.act(seen[None], time)[0] for seen, time in pairs])
-    left, right, caudal = actions.T
-    return np.stack(lane_servo_speeds(AQUAFISH, (left, right, caudal)), axis=1)
+    return np.stack(lane_servo_speeds(controller.plan, tuple(actions.T)), axis=1)
+
+
+def _commands(plan: BodyPlan) -> str:
+    """Return the lines of C that set the command, as ``lane_servo_speeds`` does."""
+    middles = (plan.command_low + plan.command_high) / 2
+    reaches = (plan.command_high - plan.command_low) / 2
+    lines = []
+    for i, (middle, reach) in enumerate(zip(middles.tolist(), reaches.tolist(), strict=True)):
+        begin = f"{c_float(middle)} + " if middle else ""
+        lines.append(f"    command[{i}] = {begin}{c_float(reach)} * action[{i}];")
+    return "\n".join(lines)
 
 
 def _columns(senses: Senses) -> tuple[str, ...]:
-    return Senses(imu=senses.imu, clock=0, goal=senses.goal).names
+    return Senses(imu=senses.imu, clock=0, goal=senses.goal).names()

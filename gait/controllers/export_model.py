@@ -19,11 +19,12 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, layout
 from aquafish_gym.physics.printing import C99
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
-from gait.controllers.c_files import CFile, c_file_path, source_and_header, wrapped
-from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.agents import plan_of
+from gait.controllers.c_files import CFile, c_file_path, servo_lines, source_and_header, wrapped
+from gait.controllers.network import Senses
 
 # Of the test vectors: a swim in which every number counts.
 VECTOR_COUNT = 1000
@@ -65,8 +66,8 @@ def model_file(bodies: MorphologiesLike, path: Path | str, reactive: bool = Fals
     Parameters
     ----------
     bodies
-        One body or several, such as a posterior sample, all of which the file holds. The vectors
-        are the first one's.
+        One body or several of one plan, such as a posterior sample, all of which the file holds.
+        The vectors are the first one's.
     path
         The C file. Its name is the prefix of its functions.
     reactive
@@ -78,21 +79,25 @@ def model_file(bodies: MorphologiesLike, path: Path | str, reactive: bool = Fals
         If the file's name is no identifier of C followed by .c, if another file than an exported
         one is there, if one is not a body, or if there is none.
     """
-    rows = body_array(bodies, "bodies")
+    plan = plan_of(bodies)
+    rows = body_array(bodies, "bodies", plan)
     if not len(rows):
         raise InvalidArgumentError("bodies must be one or more; got none")
     flag("reactive", reactive)
     file = c_file_path("model", path)
-    texts = model_texts(rows, file.stem, reactive)
-    commands, seen = model_vectors(rows[0], VECTOR_COUNT, reactive)
+    texts = model_texts(plan, rows, file.stem, reactive)
+    commands, seen = model_vectors(Morphology.from_array(rows[0], plan), VECTOR_COUNT, reactive)
     vectors = np.concatenate([commands, seen], axis=1).tolist()
-    columns = (*OUTPUTS, *Senses(clock=0, goal=True).names)
+    columns = (*plan.names, *Senses(clock=0, goal=True).names())
     return CFile(file, *texts, columns, vectors)
 
 
-def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) -> tuple[str, str]:
-    """Return the C file and header of bodies (M, 9); ``name`` begins the names of the functions."""
-    code = robot_code(AQUAFISH)
+def model_texts(
+    plan: BodyPlan, bodies: NDArray[np.float64], name: str, reactive: bool = False
+) -> tuple[str, str]:
+    """Return the C file and header of bodies (M, S); ``name`` begins the names of the functions."""
+    code = robot_code(plan)
+    fins = len(plan.fins)
     swim = code.step_reactive if reactive else code.step
     operations = code.traced(swim).operations
     numbers = len(code.traced(swim).lines)
@@ -107,10 +112,10 @@ def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) 
         "COUNTS": "\n * ".join(textwrap.wrap(", ".join(counts), 95)),
         "NUMBERS": numbers,
         "STACK": f"{8 * numbers / 1024:.0f}",
-        "STATE_BYTES": 8 * layout(AQUAFISH).state_numbers,
-        "ROBOT_BYTES": 8 * layout(AQUAFISH).robot_rows,
-        "STATE_NUMBERS": layout(AQUAFISH).state_numbers,
-        "ROBOT_NUMBERS": layout(AQUAFISH).robot_rows,
+        "STATE_BYTES": 8 * layout(plan).state_numbers,
+        "ROBOT_BYTES": 8 * layout(plan).robot_rows,
+        "STATE_NUMBERS": layout(plan).state_numbers,
+        "ROBOT_NUMBERS": layout(plan).robot_rows,
         "CHANNELS": CHANNELS_WITH_GOAL,
         "BODY_COUNT": len(bodies),
         "SIZES": "\n" + ",\n".join(f"    {{{wrapped(row)}}}" for row in bodies.tolist()) + "\n",
@@ -118,41 +123,55 @@ def model_texts(bodies: NDArray[np.float64], name: str, reactive: bool = False) 
         "PROTOTYPES": "\n".join(f"{head};" for head in heads),
         "DENSITY": VECTOR_DENSITY,
         "DRAG": wrapped(VECTOR_DRAG),
-        "FIN_ANGLES": wrapped(VECTOR_FIN_ANGLES),
-        "SERVO_GAIN": wrapped(VECTOR_SERVO_GAIN),
+        "FIN_ANGLES": wrapped(_of_fins(VECTOR_FIN_ANGLES, plan)),
+        "SERVO_GAIN": wrapped(_of_fins(VECTOR_SERVO_GAIN, plan)),
         "CURRENT": wrapped(VECTOR_CURRENT),
         "GOAL": wrapped(VECTOR_GOAL),
         "INTERVAL": VECTOR_INTERVAL,
         "TYPE": "double",
         "FORMAT": "%lf",
-        "COLUMNS": len(OUTPUTS) + CHANNELS_WITH_GOAL,
+        "FINS": fins,
+        "SERVOS": servo_lines(plan),
+        "SIZE_COUNT": len(plan.dimensions),
+        "DIMENSIONS": "\n *            ".join(
+            textwrap.wrap(", ".join(d.name for d in plan.dimensions), 86)
+        ),
+        "COLUMNS": fins + CHANNELS_WITH_GOAL,
         "ANSWERS": CHANNELS_WITH_GOAL,
     }
     return source_and_header("model", name, values, {"double": True})
 
 
+def _of_fins(numbers: tuple[float, ...], plan: BodyPlan) -> list[float]:
+    """Return a number for each fin; more fins repeat them."""
+    found: list[float] = np.resize(numbers, len(plan.fins)).tolist()
+    return found
+
+
 def model_vectors(
-    body: NDArray[np.float64], count: int, reactive: bool = False, seed: int = 0
+    body: Morphology, count: int, reactive: bool = False, seed: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return random commands (K, 3) and what float64 lanes sense after each, (K, 12)."""
+    """Return random commands (K, F) and what float64 lanes sense after each, (K, 12)."""
+    plan = body.plan
     commands = np.random.default_rng(seed).uniform(
-        AQUAFISH.command_low, AQUAFISH.command_high, (count, 3)
+        plan.command_low, plan.command_high, (count, len(plan.fins))
     )
     scenario = Scenario.create(
-        Morphology.from_array(body),
+        body,
+        plan=plan,
         current=VECTOR_CURRENT,
         drag=VECTOR_DRAG,
         fin_density=VECTOR_DENSITY,
-        servo_gain=VECTOR_SERVO_GAIN,
+        servo_gain=_of_fins(VECTOR_SERVO_GAIN, plan),
         reactive=reactive,
     )
     lanes = LaneBatch(scenario, np.float64)
-    begin = [0.0] * layout(AQUAFISH).state_numbers
-    code = robot_code(AQUAFISH)
-    code.start(list(VECTOR_FIN_ANGLES), begin)
-    lanes.states[: layout(AQUAFISH).state_numbers, 0] = begin
+    begin = [0.0] * layout(plan).state_numbers
+    code = robot_code(plan)
+    code.start(_of_fins(VECTOR_FIN_ANGLES, plan), begin)
+    lanes.states[: layout(plan).state_numbers, 0] = begin
     log = lanes.log(commands[None], count * VECTOR_INTERVAL, "pose", VECTOR_INTERVAL)
-    states = np.zeros((count, layout(AQUAFISH).state_numbers))
+    states = np.zeros((count, layout(plan).state_numbers))
     for field, samples in (
         ("orientation", log.quaternion),
         ("position", log.position),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.physics.arithmetic import TAU, Vector
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.physics.kinematics import Numbers
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.array_types import Floats
 from gait.controllers.network import Senses, put_inputs
@@ -20,20 +20,23 @@ def reckoned(
     fin_angles: Floats,
     actions: ArrayLike,
     seconds: float,
-    servo_gain: Iterable[float] = (1.0, 1.0, 1.0),
+    servo_gain: ArrayLike = 1.0,
+    plan: BodyPlan = AQUAFISH,
 ) -> Floats:
-    """Return fin angles (B, 3), rad, after actions (B, 3), clipped to [-1, 1], by dead reckoning.
+    """Return fin angles (B, F), rad, after actions (B, F), clipped to [-1, 1], by dead reckoning.
 
-    An action is held for some ``seconds``; ``servo_gain`` (3,) are the assumed gains of the servos.
+    An action is held for some ``seconds``; ``servo_gain``, (F,) or one number, are the assumed
+    gains of the servos.
 
     Examples
     --------
     >>> (reckoned(np.zeros((1, 3)), [[1.0, -1.0, 0.0]], 0.2) / np.pi).round(3).tolist()
     [[0.2, -0.2, 0.2]]
     """
-    speeds = servo_speeds(AQUAFISH, _columns(np.clip(actions, -1.0, 1.0, dtype=np.float64)))
-    left, right, caudal = (gain * speed for gain, speed in zip(servo_gain, speeds, strict=True))
-    return np.array(reckon(_columns(fin_angles), (left, right, caudal), TAU * seconds)).T
+    speeds = servo_speeds(plan, _columns(np.clip(actions, -1.0, 1.0, dtype=np.float64)))
+    gains = np.broadcast_to(servo_gain, len(speeds)).tolist()
+    turned = tuple(gain * speed for gain, speed in zip(gains, speeds, strict=True))
+    return np.array(reckon(_columns(fin_angles), turned, TAU * seconds)).T
 
 
 class NetworkInputs:
@@ -51,18 +54,28 @@ class NetworkInputs:
     interval
         For how many steps of 0.01 s an action is held.
     fin_angles
-        (B, 3) rad at first.
+        (B, F) rad at first.
+    plan
+        The robots' body plan.
     """
 
-    def __init__(self, senses: Senses, clock: float, interval: int, fin_angles: Floats) -> None:
+    def __init__(
+        self,
+        senses: Senses,
+        clock: float,
+        interval: int,
+        fin_angles: Floats,
+        plan: BodyPlan = AQUAFISH,
+    ) -> None:
         self.senses = senses
+        self.plan = plan
         self.fin_angles = np.array(fin_angles, np.float64)
         self._clock = clock
         self._seconds = interval * TIMESTEP
         self._actions = np.zeros(len(fin_angles))
 
     def begin(self, robots: Any, fin_angles: Floats) -> None:
-        """Begin episodes of the robots that an index or mask selects, at angles (N, 3), rad."""
+        """Begin episodes of the robots that an index or mask selects, at angles (N, F), rad."""
         self._actions[robots] = 0.0
         self.fin_angles[robots] = fin_angles
 
@@ -72,16 +85,15 @@ class NetworkInputs:
         way = _columns(observations[:, -3:])
         turns = self._clock * self._seconds * self._actions
         fins = _columns(self.fin_angles / TAU)
-        values = np.empty((len(self.senses.names), len(observations)))
+        values = np.empty((len(self.senses.names(self.plan)), len(observations)))
         put_inputs(values, self.senses.layout, turns, up, north, gyro, fins, way)
         return values.T
 
     def follow(self, actions: ArrayLike) -> None:
-        """Carry clocks and fins on by actions (B, 3), which are clipped to [-1, 1]."""
-        self.fin_angles = reckoned(self.fin_angles, actions, self._seconds)
+        """Carry clocks and fins on by actions (B, F), which are clipped to [-1, 1]."""
+        self.fin_angles = reckoned(self.fin_angles, actions, self._seconds, plan=self.plan)
         self._actions += 1.0
 
 
-def _columns(table: Floats) -> Vector:
-    x, y, z = table.T
-    return (x, y, z)
+def _columns(table: Floats) -> Numbers:
+    return tuple(table.T)

@@ -17,17 +17,17 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 
-const double NAME_bodies[NAME_body_count][9] = {$SIZES};
+const double NAME_bodies[NAME_body_count][$SIZE_COUNT] = {$SIZES};
 
 $FUNCTIONS
 void NAME_predict(double state[$STATE_NUMBERS], const double robot[$ROBOT_NUMBERS],
-                  const double current[3], const double servo_gain[3], const double goal[3],
+                  const double current[3], const double servo_gain[$FINS], const double goal[3],
                   const double *commands, int count, int interval, double *seen)
 {
     for (int k = 0; k < count; k++) {
-        double command[3];
-        for (int i = 0; i < 3; i++)
-            command[i] = servo_gain[i] * commands[3 * k + i];
+        double command[$FINS];
+        for (int i = 0; i < $FINS; i++)
+            command[i] = servo_gain[i] * commands[$FINS * k + i];
         for (int i = 0; i < interval; i++)
             NAME_step(state, robot, current, command);
         NAME_sense(state, goal, seen + NAME_channels * k);
@@ -39,7 +39,7 @@ static void NAME_answer(long steps, const double *row, double *found)
 {
     static double state[NAME_state_numbers], robot[NAME_robot_numbers];
     const double density[1] = {$DENSITY}, drag[2] = {$DRAG};
-    const double fin_angles[3] = {$FIN_ANGLES}, servo_gain[3] = {$SERVO_GAIN};
+    const double fin_angles[$FINS] = {$FIN_ANGLES}, servo_gain[$FINS] = {$SERVO_GAIN};
     const double current[3] = {$CURRENT}, goal[3] = {$GOAL};
     if (steps == 0) {
         NAME_robot_rows(NAME_bodies[0], density, drag, robot);

@@ -1,4 +1,4 @@
-/* Written by `aquafish export`: a model of a swimming robot with three servos, which predicts.
+/* Written by `aquafish export`: a model of a swimming robot with $FINS servos, which predicts.
  *
  * Include this file where you call it, compile NAME.c with your program, and link with -lm:
  *
@@ -8,26 +8,24 @@
  *     NAME_start(fin_angles, state);
  *     NAME_predict(state, robot, current, servo_gain, goal, commands, 10, interval, seen);
  *
- * sizes      of a body, units of 5 cm: the left pectoral's width, length and thickness, the
- *            right one's, and the tail's thickness, length and width. NAME_bodies has
- *            $BODIES.
+ * sizes      of a body, units of 5 cm, in this order; NAME_bodies has $BODIES:
+ *            $DIMENSIONS
  * density    of the fins, relative to the water's: 1 if they are neutrally buoyant.
  * drag       factors on the drag of the fins and on that of the body: 1 and 1.
- * fin_angles where the left pectoral, the right pectoral and the tail's beat begin, in rad.
+ * fin_angles where each fin begins, or the phase of its beat, in rad, in the order of the servos.
  * current    the water's velocity (x, y, z) in the world, units/s.
  * servo_gain how fast each servo turns relative to its command: 1 if it is whole.
  * goal       a place (x, y, z) in the world, units.
- * command    left and right pectoral servo in rev/s, [-0.5, 0.5]; tail in beats per second (Hz),
- *            [0, 1]. NAME_predict takes one after another, each for `interval` steps of
- *            10 ms. NAME_step takes one that is already multiplied by the servos' gains.
+ * command    of the servos. NAME_predict takes one after another, each for `interval` steps of
+ *            10 ms. NAME_step takes one that is already multiplied by the servos' gains:
+$SERVOS
  * seen       after each command: the world's up (x, y, z) and north (x, y, z) as unit vectors, the
  *            angular velocity (x, y, z) in rad/s, and the way to the goal (x, y, z) in units, all
  *            in body axes: x is to the right, y forward, z up. The first nine are what the
  *            exported controller takes as imu, the last three as its goal.
  * state      attitude (quaternion x, y, z, w), position, velocity (all in the world), angular
- *            velocity (body axes), cosine and sine of the angles of the left pectoral, the right
- *            pectoral and the tail's beat, and the three joints' speeds in rad/s. Copy it before a
- *            prediction, which moves it on.
+ *            velocity (body axes), cosine and sine of each fin's angle or beat in turn, and the
+ *            joints' speeds in rad/s. Copy it before a prediction, which moves it on.
  *
  * Time and memory. NAME_step is 10 ms of the robot$LAW. It is $OPERATIONS operations
  * without a loop or a branch:
@@ -49,11 +47,11 @@ enum {
     NAME_body_count = $BODY_COUNT
 };
 
-extern const double NAME_bodies[NAME_body_count][9];
+extern const double NAME_bodies[NAME_body_count][$SIZE_COUNT];
 
 $PROTOTYPES
 void NAME_predict(double state[$STATE_NUMBERS], const double robot[$ROBOT_NUMBERS],
-                  const double current[3], const double servo_gain[3], const double goal[3],
+                  const double current[3], const double servo_gain[$FINS], const double goal[3],
                   const double *commands, int count, int interval, double *seen);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 """The network of a controller: its inputs, its nodes, its action, as straight-line scalar Python.
 
-:func:`respond` is the only statement of the controllers' inputs and of their network. It runs on
+:func:`responder` is the only statement of the controllers' inputs and of their network. It runs on
 plain floats (one robot) and in the compiled time loop, where a number is a register of many robots;
 :func:`put_inputs` runs on rows of numbers too, for learners. So nothing here branches on data, and
 nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
@@ -9,7 +9,7 @@ nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from typing import Any
 
 from aquafish_gym.physics.arithmetic import (
@@ -22,8 +22,10 @@ from aquafish_gym.physics.arithmetic import (
     sine_cosine,
     square_root,
 )
+from aquafish_gym.physics.kinematics import Numbers
+from aquafish_gym.physics.law import law
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 
-OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 GYRO_INPUT_SCALE = 2.0  # rad/s
 GOAL_INPUT_SCALE = 5.0  # units
 
@@ -31,7 +33,7 @@ GOAL_INPUT_SCALE = 5.0  # units
 OUTPUT_GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
 
-# Entries of a controller's layout, see :func:`respond`.
+# Entries of a controller's layout, see :func:`responder`.
 IMU_ENTRY = 0
 CLOCK_ENTRY = 1
 FINS_ENTRY = 2
@@ -50,7 +52,7 @@ class Senses:
 
     Examples
     --------
-    >>> Senses(imu=False, fins=True, clock=0).names[:2]
+    >>> Senses(imu=False, fins=True, clock=0).names()[:2]
     ('left_pectoral_sine', 'left_pectoral_cosine')
     """
 
@@ -61,16 +63,16 @@ class Senses:
 
     @property
     def layout(self) -> tuple[int, ...]:
-        """The first numbers of a controller's layout, see :func:`respond`."""
+        """The first numbers of a controller's layout, see :func:`responder`."""
         return (int(self.imu), self.clock, int(self.fins), int(self.goal))
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """The inputs, in the order of the weights."""
+    @cache  # noqa: B019  # a search asks for them as often as it makes controllers
+    def names(self, plan: BodyPlan = AQUAFISH) -> tuple[str, ...]:
+        """Return the inputs of a plan's robot, in the order of the weights."""
         axes = [f"{what}_{axis}" for what in ("up", "north", "gyro") for axis in "xyz"]
         waves = [f"{i}" if i > 1 else "" for i in range(1, self.clock + 1)]
         clock = [f"clock{i}_{wave}" for i in waves for wave in ("sine", "cosine")]
-        fins = [f"{fin}_{wave}" for fin in OUTPUTS for wave in ("sine", "cosine")]
+        fins = [f"{fin}_{wave}" for fin in plan.names for wave in ("sine", "cosine")]
         goal = ("goal_x", "goal_y", "goal_z")
         return (
             *(axes if self.imu else ()),
@@ -122,9 +124,9 @@ def observe_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
         )
 
 
-def observe_fins(values: Any, at: int, fins: Vector) -> None:
-    """Put sine and cosine of three fin angles, in turns."""
-    for i in range(3):
+def observe_fins(values: Any, at: int, fins: Numbers) -> None:
+    """Put sine and cosine of the fins' angles, in turns."""
+    for i in range(len(fins)):
         sine, cosine = sine_cosine(fins[i])
         put(values, at + 2 * i, sine)
         put(values, at + 2 * i + 1, cosine)
@@ -147,12 +149,12 @@ def put_inputs(
     up: Vector,
     north: Vector,
     gyro: Vector,
-    fins: Vector,
+    fins: Numbers,
     way: Vector,
 ) -> None:
     """Put a controller's inputs into ``values``, in the order of ``Senses.names``.
 
-    ``turns`` is what the clock has made; see :func:`respond` for the others.
+    ``turns`` is what the clock has made; see :func:`responder` for the others.
     """
     at = 0
     if layout[IMU_ENTRY]:
@@ -163,13 +165,13 @@ def put_inputs(
         at += 2 * layout[CLOCK_ENTRY]
     if layout[FINS_ENTRY]:
         observe_fins(values, at, fins)
-        at += 6
+        at += 2 * len(fins)
     if layout[GOAL_ENTRY]:
         observe_goal(values, at, way)
 
 
-def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> Vector:
-    """Return the last three nodes' values, given the inputs in ``values``.
+def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> None:
+    """Put the nodes' values after the inputs in ``values``.
 
     A node is connected to all inputs, to all nodes of the layers before its own, and, where there
     is memory, to the previous values of the nodes of its own layer and of those after.
@@ -177,7 +179,7 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
     Parameters
     ----------
     genes, layout
-        See :func:`respond`.
+        See :func:`responder`.
     values
         Flat scratch space: the inputs, the nodes, and as many once more.
     group, groups
@@ -210,33 +212,15 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
         for node in range(begin, end):
             put(values, node, fetch(values, node + nodes, like))
         begin = end
-    last = inputs + nodes
-    return (
-        fetch(values, last - 3, like),
-        fetch(values, last - 2, like),
-        fetch(values, last - 1, like),
-    )
 
 
-def respond(
-    genes: Any,
-    layout: Any,
-    scratch: Any,
-    group: int,
-    groups: int,
-    time: float,
-    up: Vector,
-    north: Vector,
-    gyro: Vector,
-    fins: Vector,
-    way: Vector,
-) -> Vector:
-    """Return the action, in [-1, 1], for an observation ``time`` s after the swim began.
+@cache
+def responder(plan: BodyPlan) -> Any:
+    """Return the function by which controllers of a plan's robots act.
 
-    It is a policy of ``engines/compiled/kernel.py``.
+    It is a policy of ``engines/compiled/kernel.py``, and returns the last nodes' values: the
+    action, in [-1, 1]. Its parameters:
 
-    Parameters
-    ----------
     genes
         Flat table whose row r is entry ``r * groups + group``. The first row is the clock's
         frequency in Hz; then follow, for each node, its bias, its response, and its weights from
@@ -248,15 +232,37 @@ def respond(
         of layers, and the node at which each ends.
     scratch
         Numbers that live through a swim: the inputs, and the nodes twice.
+    time
+        s since the swim began.
     up, north, gyro, way
         See :func:`observe_imu` and :func:`observe_goal`.
     fins
         Where the fins are believed to be, in turns.
     """
-    like = gyro[0]
-    if time == 0.0:
-        for i in range(layout[INPUTS_ENTRY] + 2 * layout[NODES_ENTRY]):
-            put(scratch, i, 0.0 * like)
-    turns = fetch(genes, group, like) * time
-    put_inputs(scratch, layout, turns, up, north, gyro, fins, way)
-    return forward(genes, layout, scratch, group, groups, like)
+    fetch_fins = law(plan).fetch_fins
+    count = len(plan.fins)
+
+    def respond(
+        genes: Any,
+        layout: Any,
+        scratch: Any,
+        group: int,
+        groups: int,
+        time: float,
+        up: Vector,
+        north: Vector,
+        gyro: Vector,
+        fins: Numbers,
+        way: Vector,
+    ) -> Numbers:
+        like = gyro[0]
+        if time == 0.0:
+            for i in range(layout[INPUTS_ENTRY] + 2 * layout[NODES_ENTRY]):
+                put(scratch, i, 0.0 * like)
+        turns = fetch(genes, group, like) * time
+        put_inputs(scratch, layout, turns, up, north, gyro, fins, way)
+        forward(genes, layout, scratch, group, groups, like)
+        last = layout[INPUTS_ENTRY] + layout[NODES_ENTRY]
+        return fetch_fins(scratch, last - count, 0, 1, like)
+
+    return respond

@@ -9,7 +9,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import Program
 from aquafish_gym.rollout.plan import PROGRAM_CHANNELS, Act
 from aquafish_gym.rollout.programs import ProgramAgent
@@ -34,18 +33,19 @@ class NetworkAgent:
     program
         Of one network for all robots, or of one for each.
     believed_gain
-        (3,) the servo gains by which it reckons its fins from its commands.
+        (F,) the servo gains by which it reckons its fins from its commands.
     """
 
     def __init__(self, program: Program, believed_gain: Floats) -> None:
         self.interval = program.interval
+        self.plan = program.plan
         self._program = program
         self._gain = believed_gain
         self._needed = len(CHANNELS) + 3 * program.observes_goal
 
     def reset(self, info: dict[str, Any]) -> None:
-        """Begin an episode of each robot, at the true fin angles (B, 3) or (3,) in ``info``."""
-        fins = fin_angles_of(info)
+        """Begin an episode of each robot, at the true fin angles (B, F) or (F,) in ``info``."""
+        fins = fin_angles_of(info, len(self.plan.fins))
         known = self._program.weights.shape[1]
         if known not in (1, len(fins)):
             raise InvalidArgumentError(
@@ -56,7 +56,7 @@ class NetworkAgent:
         self._intervals = 0
 
     def act(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (B, 3) for observations (B, k), or (3,) for the one of a single robot."""
+        """Return actions (B, F) for observations (B, k), or (F,) for the one of a single robot."""
         if not hasattr(self, "_robots"):
             raise InvalidArgumentError("reset(info) must be called before act(observations)")
         robots = len(self._sensed)
@@ -67,10 +67,10 @@ class NetworkAgent:
             raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
         time = self._intervals * (self.interval * TIMESTEP)
         actions = self._act(rows, time).astype(np.float32)
-        return actions.reshape((*given.shape[:-1], len(AQUAFISH.names)))
+        return actions.reshape((*given.shape[:-1], actions.shape[1]))
 
     def _act(self, observations: Floats, time: float) -> Floats:
-        """Return actions (B, 3) in double precision for what is observed at a time, s."""
+        """Return actions (B, F) in double precision for what is observed at a time, s."""
         sensed = np.zeros_like(self._sensed)
         sensed[:, : len(CHANNELS)] = observations[:, : len(CHANNELS)]
         if self._program.observes_goal:
@@ -81,27 +81,22 @@ class NetworkAgent:
         return self._robots.act(self._sensed, time)
 
     def _miss(self, intervals: int, actions: Floats) -> None:
-        """Let intervals pass in which actions (B, 3) remained in force."""
+        """Let intervals pass in which actions (B, F) remained in force."""
         seconds = intervals * self.interval * TIMESTEP
-        self._robots.fin_angles = reckoned(self.fin_angles, actions, seconds, self._gain)
+        self._robots.fin_angles = reckoned(self.fin_angles, actions, seconds, self._gain, self.plan)
         self._intervals += intervals
 
     def policy(self, fin_angles: ArrayLike) -> Act:
-        """Return a policy of one robot that begins with fin angles (3,), rad.
+        """Return a policy of one robot that begins with fin angles (F,), rad.
 
         See :meth:`gait.Controller.policy`. It is the only user of this agent from then on.
         """
-        self.reset(
-            {
-                "fin_angles": finite_array(
-                    "fin_angles", fin_angles, (len(AQUAFISH.names),), unit="rad"
-                )
-            }
-        )
+        fins = len(self.plan.fins)
+        self.reset({"fin_angles": finite_array("fin_angles", fin_angles, (fins,), unit="rad")})
         wanted = f"({self._needed} or more,)"
         half = TIMESTEP / 2
         begun = last = -math.inf
-        actions = np.zeros((1, len(AQUAFISH.names)))
+        actions = np.zeros((1, fins))
 
         def act(observation: ArrayLike, time: float) -> Floats:
             nonlocal begun, last, actions
@@ -130,7 +125,7 @@ class NetworkAgent:
 
     @property
     def fin_angles(self) -> Floats:
-        """Where it assumes the fins to be, (B, 3) rad; set them where they are known."""
+        """Where it assumes the fins to be, (B, F) rad; set them where they are known."""
         return self._robots.fin_angles
 
     @fin_angles.setter
@@ -144,10 +139,10 @@ class NetworkAgent:
         return other
 
 
-def fin_angles_of(info: dict[str, Any]) -> Floats:
-    """Return the fin angles (B, 3) in the ``info`` of a reset."""
+def fin_angles_of(info: dict[str, Any], fins: int | None = None) -> Floats:
+    """Return the fin angles (B, F) in the ``info`` of a reset; None is any number of fins."""
     if "fin_angles" not in instance("info", info, dict):
-        raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
-    return finite_array(
-        "fin_angles", info["fin_angles"], (None, len(AQUAFISH.names)), unit="rad", flat=True
-    )
+        raise InvalidArgumentError(
+            f"info must have 'fin_angles' (B, {fins or 'F'}); got {brief(info)}"
+        )
+    return finite_array("fin_angles", info["fin_angles"], (None, fins), unit="rad", flat=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.utils.array_types import Flags, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait.controllers.inputs import NetworkInputs
@@ -311,8 +312,8 @@ def _column(values: Any, rows: Rows) -> list[Any]:
 class LaneVecEnv(SB3VecEnv):
     """Robots of one task, from random poses, that observe a ``Controller``'s inputs.
 
-    The ``count`` robots have the bodies (M, 9) in turn; M is at most ``count``. The clock is in Hz,
-    and an action is held for ``interval`` steps of 0.01 s.
+    The ``count`` robots have the bodies (M, S) of a plan in turn; M is at most ``count``. The clock
+    is in Hz, and an action is held for ``interval`` steps of 0.01 s.
     """
 
     def __init__(
@@ -324,18 +325,21 @@ class LaneVecEnv(SB3VecEnv):
         interval: int,
         task: object = "forward",
         damage: object = None,
+        plan: BodyPlan = AQUAFISH,
     ) -> None:
-        self._inputs = NetworkInputs(senses, clock, interval, np.zeros((count, 3)))
+        fins = np.zeros((count, len(plan.fins)))
+        self._inputs = NetworkInputs(senses, clock, interval, fins, plan)
         envs = AquaFishVectorEnv(
             count,
-            bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, 9)),
+            bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, bodies.shape[1])),
+            plan=plan,
             damage=damage,
             fin_angles="random",
             frame_skip=interval,
             task=task,
             autoreset_mode=AutoresetMode.DISABLED,
         )
-        super().__init__(envs, Box(-1.0, 1.0, (len(senses.names),), np.float32))
+        super().__init__(envs, Box(-1.0, 1.0, (len(senses.names(plan)),), np.float32))
 
     def _begun(self, mask: Flags, info: dict[str, Any]) -> None:
         self._inputs.begin(mask, info["fin_angles"][mask])

@@ -18,10 +18,11 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
+from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, plan_key, sample_stamp
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.plans import AQUAFISH, PlanLike, check_plan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     MissingExtraError,
@@ -34,9 +35,9 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.controllers.network import OUTPUT_GAIN, OUTPUTS, Senses
+from gait.controllers.network import OUTPUT_GAIN, Senses
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.search.config import Sense, TaskName, check_interval, check_senses, make_senses
+from gait.search.config import AnyPlan, Sense, TaskName, check_interval, check_senses, make_senses
 from gait.search.evolve import FINAL_POSES
 from gait.swims.poses import random_poses, stream
 from gait.swims.scores import scores
@@ -71,6 +72,8 @@ class LearningConfig:
     are not measured: they are integrated from the initial angles and the commands."""
     task: TaskName = "forward"
     """Swim forward, or another task of the environments."""
+    plan: AnyPlan = "aquafish"
+    """The robots' body plan: its name, or a JSON file; in Python also a BodyPlan."""
     seed: int = 0
     """Seed of everything random in the run."""
 
@@ -79,6 +82,9 @@ class LearningConfig:
         integer("environments", self.environments, 1, 1024)
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         one_of("task", self.task, get_args(TaskName))
+        plan = check_plan(self.plan)
+        if not isinstance(self.plan, str):
+            object.__setattr__(self, "plan", plan)
         check_interval(self.interval, TASKS[self.task].seconds)
         object.__setattr__(self, "senses", check_senses(self.senses))
 
@@ -174,7 +180,8 @@ def train(
         If an argument does not fit, or ``out`` cannot be written, is in use, or holds another run.
     """
     config = LearningConfig() if config is None else instance("config", config, LearningConfig)
-    bodies = body_array(morphologies)
+    plan = check_plan(config.plan)
+    bodies = body_array(morphologies, plan=plan)
     if not 1 <= len(bodies) <= config.environments:
         raise InvalidArgumentError(
             f"morphologies must be 1 to {config.environments} bodies, at most one for each of the "
@@ -185,14 +192,16 @@ def train(
     learner = _Learner(bodies, config, broken)
     # From the poses of a gait that is evolved with this seed, and as often with each body.
     count = -(-FINAL_POSES // len(bodies)) * len(bodies)
-    poses = random_poses(count, stream(config.seed, 1))
-    swims = np.resize(bodies, (count, 9)), poses
-    settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
+    poses = random_poses(count, stream(config.seed, 1), plan)
+    swims = np.resize(bodies, (count, bodies.shape[1])), poses
+    settings = {"morphology": median_body(bodies, plan).to_dict(), **asdict(config)}
+    del settings["plan"]
+    settings |= plan_key(plan)
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
     best = Learned(learner.controller(), -inf, ())
     curve = list[CurvePoint]()
-    with run_folder(out, "a baseline", settings, TRAINING_FILES, bodies) as folder:
+    with run_folder(out, "a baseline", settings, TRAINING_FILES, bodies, plan=plan) as folder:
         for epoch in range(1, config.epochs + 1):
             training = learner.learn(_seed(config, epoch - 1))
             controller = learner.controller()
@@ -213,13 +222,14 @@ def _seed(config: LearningConfig, *key: int) -> int:
 
 
 class _Learner:
-    """PPO on bodies (M, 9), an epoch at a time; each epoch has a seed and new robots."""
+    """PPO on bodies (M, S), an epoch at a time; each epoch has a seed and new robots."""
 
     def __init__(self, bodies: NDArray[np.float64], config: LearningConfig, damage: Damage) -> None:
         sb3 = load_extra("stable_baselines3")
         torch = load_extra("torch")
         vec_env = load_extra("stable_baselines3.common.vec_env")
         logger = load_extra("stable_baselines3.common.logger")
+        self.plan = check_plan(config.plan)
         self.bodies = bodies
         self.config = config
         self.robots = load_extra("gait.learning.sb3_env").LaneVecEnv(
@@ -230,6 +240,7 @@ class _Learner:
             config.interval,
             config.task,
             damage,
+            self.plan,
         )
         # Without a clip, which the exported weights could not express.
         self.normal = vec_env.VecNormalize(self.robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
@@ -279,17 +290,17 @@ class _Learner:
         ]
         moments = self.normal.obs_rms
         scale = np.sqrt(moments.var + self.normal.epsilon)
-        weights, bias = dense_network(layers, moments.mean, scale)
+        weights, bias = dense_network(layers, moments.mean, scale, self.plan)
         return Controller(
             weights,
             bias,
             response=np.ones(len(bias)),
             clock=CLOCK_HZ,
-            morphology=median_body(self.bodies),
+            morphology=median_body(self.bodies, self.plan),
             seed=config.seed,
             sample=sample_stamp(self.bodies) if len(self.bodies) > 1 else None,
             senses=config.inputs,
-            layers=(*HIDDEN_WIDTHS, len(OUTPUTS)),
+            layers=(*HIDDEN_WIDTHS, len(self.plan.fins)),
             output="clip",  # the environment clips PPO's actions
             interval=config.interval,
         )
@@ -299,6 +310,7 @@ def dense_network(
     layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]],
     mean: NDArray[np.float64],
     scale: NDArray[np.float64],
+    plan: PlanLike = AQUAFISH,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return weights (N, I + N) and biases (N,) of a controller from a stack of dense layers.
 
@@ -307,14 +319,17 @@ def dense_network(
     Parameters
     ----------
     layers
-        Weights (out, in) and biases (out,) of each layer, in order; the last has three outputs.
+        Weights (out, in) and biases (out,) of each layer, in order; the last has an output for each
+        servo.
     mean, scale
         (I,) each: the first layer receives (x - mean) / scale of the inputs x.
+    plan
+        The body plan of the controller's robots.
 
     Raises
     ------
     InvalidArgumentError
-        If a layer does not fit the one before, or the last has not three outputs.
+        If a layer does not fit the one before, or the last has not an output for each servo.
 
     Examples
     --------
@@ -327,7 +342,7 @@ def dense_network(
         raise InvalidArgumentError("mean must have an entry for each input; got none")
     scale = finite_array("scale", scale, mean.shape, np.finfo(float).tiny)
     inputs = len(mean)
-    layers = _check_layers(layers, inputs)
+    layers = _check_layers(layers, inputs, len(check_plan(plan).fins))
     nodes = sum(len(bias) for _, bias in layers)
     weights = np.zeros((nodes, inputs + nodes))
     biases = np.zeros(nodes)
@@ -343,8 +358,10 @@ def dense_network(
     return weights, biases - weights[:, :inputs] @ mean
 
 
-def _check_layers(layers: object, inputs: int) -> list[tuple[NDArray[Any], NDArray[Any]]]:
-    """Return layers whose shapes follow each other, from ``inputs`` to three outputs."""
+def _check_layers(
+    layers: object, inputs: int, outputs: int
+) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """Return layers whose shapes follow each other, from ``inputs`` to ``outputs``."""
     if not isinstance(layers, list | tuple) or not layers:
         raise InvalidArgumentError(
             f"layers must be a list of weights and biases of each layer; got {brief(layers)}"
@@ -356,7 +373,7 @@ def _check_layers(layers: object, inputs: int) -> list[tuple[NDArray[Any], NDArr
             raise InvalidArgumentError(
                 f"layers[{i}] must be a pair of weights and biases; got {brief(layer)}"
             )
-        last = len(OUTPUTS) if i == len(layers) - 1 else None
+        last = outputs if i == len(layers) - 1 else None
         bias = finite_array(f"layers[{i}] biases", layer[1], (last,))
         matrix = finite_array(f"layers[{i}] weights", layer[0], (len(bias), sources))
         checked.append((matrix, bias))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.envs.specification import as_json
 from aquafish_gym.envs.tasks import Task, check_task
+from aquafish_gym.plans import PlanLike, check_plan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -30,8 +32,10 @@ TaskName = Literal["forward", "station", "waypoint", "recovery", "return"]
 Class = Literal["recurrent", "mlp", "linear"]
 if TYPE_CHECKING:
     TaskLike: TypeAlias = TaskName | Task
+    AnyPlan: TypeAlias = PlanLike
 else:
     TaskLike = TaskName  # the commands read the annotation, and take names alone
+    AnyPlan = str
 CMA_POPULATION = 24  # in NEAT's tuning, too
 # Where they are not given: population, restarts, random_candidates, generations, cma_generations.
 DEFAULTS = {
@@ -78,7 +82,7 @@ def check_senses(senses: object) -> tuple[Sense, ...]:
     return tuple(senses)
 
 
-class SearchPlan(NamedTuple):
+class Choices(NamedTuple):
     """The choices of a configuration, with the defaults of its search filled in."""
 
     search: Literal["cma", "neat"]
@@ -101,7 +105,7 @@ class EvolveConfig:
 
     Examples
     --------
-    >>> EvolveConfig(generations=200, seed=3).plan.population
+    >>> EvolveConfig(generations=200, seed=3).choices.population
     24
     """
 
@@ -120,6 +124,8 @@ class EvolveConfig:
     task: TaskLike = "forward"
     """Swim forward, or another task of the environments, which takes longer. In Python also a
     Task of aquafish_gym.envs.tasks, such as one of your own."""
+    plan: AnyPlan = "aquafish"
+    """The robot's body plan: its name, or a JSON file; in Python also a BodyPlan."""
     interval: int = INTERVAL
     """Steps of 0.01 s that an action is held."""
     hidden: int | None = None
@@ -163,6 +169,9 @@ class EvolveConfig:
             if getattr(self, name) is not None:
                 one_of(name, getattr(self, name), choices)
         object.__setattr__(self, "senses", check_senses(self.senses))
+        plan = check_plan(self.plan)
+        if not isinstance(self.plan, str):
+            object.__setattr__(self, "plan", plan)
         judged = check_task(self.task)
         if not isinstance(self.task, str):
             object.__setattr__(self, "task", judged)
@@ -178,24 +187,24 @@ class EvolveConfig:
                 f"{self.episode_seconds:g} s; got {self.interval}"
             )
         self._refuse_what_has_no_effect()
-        if 0 < self.plan.random_candidates < self.plan.restarts:
+        if 0 < self.choices.random_candidates < self.choices.restarts:
             raise InvalidArgumentError(
-                f"random_candidates must be at least the {self.plan.restarts} restarts; "
-                f"got {self.plan.random_candidates}"
+                f"random_candidates must be at least the {self.choices.restarts} restarts; "
+                f"got {self.choices.random_candidates}"
             )
 
     def _refuse_what_has_no_effect(self) -> None:
         """Refuse settings of another search, another network or another task."""
-        plan = self.plan
+        choices = self.choices
         for name, given, needed, there in (
-            ("paper", self.paper, 'search="neat"', plan.search == "neat"),
-            ("controller", self.controller is not None, 'search="cma"', plan.search == "cma"),
+            ("paper", self.paper, 'search="neat"', choices.search == "neat"),
+            ("controller", self.controller is not None, 'search="cma"', choices.search == "cma"),
             ("random_candidates", self.random_candidates is not None, 'search="cma"',
-             plan.search == "cma"),
+             choices.search == "cma"),
             ("cma_generations", self.cma_generations is not None, 'search="neat"',
-             plan.search == "neat"),
+             choices.search == "neat"),
             ("hidden", self.hidden is not None, 'search="cma" and a controller with hidden nodes',
-             plan.search == "cma" and plan.controller != "linear"),
+             choices.search == "cma" and choices.controller != "linear"),
             ("harmonics", self.harmonics is not None, 'a "clock" among the senses',
              "clock" in self.senses),
             ("clock", self.clock is not None, 'a "clock" among the senses', "clock" in self.senses),
@@ -204,7 +213,7 @@ class EvolveConfig:
             if given and not there:
                 raise InvalidArgumentError(
                     f"{name} has an effect only with {needed}; got {getattr(self, name)!r} with "
-                    f'search="{plan.search}", controller="{plan.controller}", '
+                    f'search="{choices.search}", controller="{choices.controller}", '
                     f"senses={self.senses}, task={brief(self.task)}"
                 )
 
@@ -219,12 +228,12 @@ class EvolveConfig:
         return self.seconds if self.is_forward else check_task(self.task).seconds
 
     @property
-    def plan(self) -> SearchPlan:
+    def choices(self) -> Choices:
         """The choices, with defaults filled in.
 
         Examples
         --------
-        >>> EvolveConfig(search="neat").plan.population
+        >>> EvolveConfig(search="neat").choices.population
         150
         """
         search = self.search or ("neat" if self.paper else "cma")
@@ -244,7 +253,7 @@ class EvolveConfig:
         else:
             rows = len(cma.screenings(candidates, restarts, self.poses))
             rows += generation_count(halving_stages(restarts, generations, cma.STAGES))
-        return SearchPlan(
+        return Choices(
             search=search,
             controller=self.controller or "recurrent",
             hidden=6 if self.hidden is None else self.hidden,
@@ -266,13 +275,14 @@ class EvolveConfig:
         A task that is no name is the name of its class and its attributes. InvalidArgumentError if
         it cannot be written so, as that of a class which no other program can import.
         """
-        plan = {**self.plan._asdict(), "senses": asdict(self.plan.senses)}
-        omitted = {"threads", "paper", "rows"}
-        if self.plan.cma_generations:
+        choices = {**self.choices._asdict(), "senses": asdict(self.choices.senses)}
+        omitted = {"threads", "paper", "plan", "rows"}
+        if self.choices.cma_generations:
             omitted.add("cma_generations")
-        elif self.plan.search == "cma" or self.plan.restarts == 1:
+        elif self.choices.search == "cma" or self.choices.restarts == 1:
             omitted.add("generations")
-        settings = {one.name: getattr(self, one.name) for one in fields(self)} | plan
+        settings = {one.name: getattr(self, one.name) for one in fields(self)} | choices
         if not isinstance(self.task, str):
             settings["task"] = as_json("task", self.task)
-        return {name: value for name, value in settings.items() if name not in omitted}
+        kept = {name: value for name, value in settings.items() if name not in omitted}
+        return kept | plan_key(check_plan(self.plan))

@@ -17,7 +17,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import check_task, compiled_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import check_plan, check_same_plan
 from aquafish_gym.runs.code import code_hash
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import (
@@ -38,7 +38,7 @@ from gait.search.config import EvolveConfig as EvolveConfig
 from gait.search.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.search.history import Generation as Generation
 from gait.search.templates import Template
-from gait.swims.poses import ZERO_POSE, random_poses, spread_poses, stream
+from gait.swims.poses import random_poses, spread_poses, stream, zero_pose
 from gait.swims.scores import Swims, check_state, draw_swims, every_pair, scores
 from gait.swims.swim import check_world
 
@@ -97,7 +97,8 @@ def damaged_at_random(body: Morphology, count: int, seed: int) -> list[Morpholog
     """
     body = Morphology.coerce(body)
     sources = stream(seed, 7).spawn(integer("count", count, 0, MAXIMUM_BODIES))
-    return [Damage.random(np.random.default_rng(source)).apply(body) for source in sources]
+    rngs = map(np.random.default_rng, sources)
+    return [Damage.random(rng, body.plan).apply(body) for rng in rngs]
 
 
 def evolve_gait(
@@ -120,8 +121,8 @@ def evolve_gait(
     Parameters
     ----------
     morphologies
-        A body as ``Morphology.coerce`` takes it; None is the nominal one. Or a sample of at most
-        1000 equally likely bodies: a list, or sizes (M, 9).
+        A body of ``config.plan`` as ``Morphology.coerce`` takes it; None is the nominal one. Or a
+        sample of at most 1000 equally likely bodies: a list, or sizes (M, S).
     config
         None is ``EvolveConfig()``.
     first
@@ -129,7 +130,7 @@ def evolve_gait(
         new connections. The result is no worse in the swims of ``Evolved.fitness``. None searches
         from random networks.
     start
-        A state (25,) in mid-swim, such as a column of the vector environment's ``states``. Each
+        A state in mid-swim, such as a column of the vector environment's ``states``. Each
         controller then swims on from it for ``config.seconds``, once on each body and with its
         clock at 0; ``config.poses`` is refused. None begins at rest, in poses that change with
         every generation.
@@ -157,17 +158,18 @@ def evolve_gait(
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = check_world(world)
-    bodies = body_array(morphologies)
+    plan = check_plan(config.plan)
+    bodies = body_array(morphologies, plan=plan)
     callback("on_generation", on_generation)
-    state = None if start is None else check_state(start)
+    state = None if start is None else check_state(start, plan)
     began = time.process_time()
     budget = np.inf if cpu_seconds is None else finite_array("cpu_seconds", cpu_seconds, (), 0.0)
     _check(bodies, config, world, state is not None)
-    plan = config.plan
+    choices = config.choices
     if first is not None:
         _check_first(first, config)
-        plan = plan._replace(rows=plan.generations)
-    body = median_body(bodies)
+        choices = choices._replace(rows=choices.generations)
+    body = median_body(bodies, plan)
     sample = sample_stamp(bodies) if len(bodies) > 1 else None
     settings: dict[str, Any] = {}
     if out is not None:
@@ -182,11 +184,11 @@ def evolve_gait(
     trials = _Trials(bodies, config, world, state)
     search = make_search(config, body, first)
     run = History(sample)
-    with run_folder(out, "a gait", settings, FILES, bodies, evolve_gait) as folder:
-        recorded = read_checkpoint(folder, plan) if folder else []
+    with run_folder(out, "a gait", settings, FILES, bodies, evolve_gait, plan) as folder:
+        recorded = read_checkpoint(folder, choices) if folder else []
         saved = -np.inf
         try:
-            while len(run.rows) < plan.rows:
+            while len(run.rows) < choices.rows:
                 generation = len(run.rows)
                 proposal = trials.nominate(search.ask())
                 replayed = generation < len(recorded)
@@ -220,50 +222,53 @@ def _written(config: EvolveConfig) -> dict[str, Any]:
 
 def make_search(config: EvolveConfig, body: Morphology, first: Controller | None = None) -> Search:
     """Return the search of a configuration, whose random streams follow from its seed."""
-    plan = config.plan
+    choices = config.choices
     if first is not None:
         mine = replace(first, morphology=body, seed=config.seed, sample=None)
         rng = np.random.default_rng(stream(config.seed, 6))
-        return cma.tuner(mine, plan.population, rng, cma.REFINING)
-    if plan.search == "cma":
-        template = Template.of_class(plan.controller, plan.senses, plan.hidden, config.interval)
-        silent = template.silent(plan.clock, body, config.seed)
+        return cma.tuner(mine, choices.population, rng, cma.REFINING)
+    if choices.search == "cma":
+        template = Template.of_class(
+            choices.controller, choices.senses, choices.hidden, config.interval, body.plan
+        )
+        silent = template.silent(choices.clock, body, config.seed)
         rng = np.random.default_rng(stream(config.seed, 6))
         turns = cma.multistart(
-            template.random(plan.random_candidates, rng),
+            template.random(choices.random_candidates, rng),
             lambda vectors: template.controllers(vectors, silent),
-            plan.population,
-            plan.restarts,
+            choices.population,
+            choices.restarts,
             config.poses,
             rng,
         )
         return Relay(turns)
     streams = [
         stream(config.seed, 0),
-        *(stream(config.seed, 4, k) for k in range(1, plan.restarts)),
+        *(stream(config.seed, 4, k) for k in range(1, choices.restarts)),
     ]
     starts = [
         neat.Evolution(
             lambda genome: neat.genome_to_controller(
-                genome, plan.clock, body, config.seed, plan.senses, config.interval
+                genome, choices.clock, body, config.seed, choices.senses, config.interval
             ),
-            plan.population,
+            choices.population,
             int(source.generate_state(1)[0]),
-            len(plan.senses.names),
+            choices.senses,
             growing=i % 3 > 0,
+            plan=body.plan,
         )
         for i, source in enumerate(streams)
     ]
     tuning = CMA_POPULATION, np.random.default_rng(stream(config.seed, 5))
     return Relay(
-        neat.multistart(starts, plan.generations, tuning if plan.cma_generations else None)
+        neat.multistart(starts, choices.generations, tuning if choices.cma_generations else None)
     )
 
 
 class _Trials:
     """The swims of a run: random ones in each generation, and fixed ones for the finalists.
 
-    From a state (25,), all controllers swim the fixed ones.
+    From a state, all controllers swim the fixed ones.
     """
 
     def __init__(
@@ -277,18 +282,19 @@ class _Trials:
         self._config = config
         self._world = world
         self._start = start
+        self._plan = check_plan(config.plan)
         # CMA-ES ranks controllers that differ little. With independent poses it finds worse gaits,
         # some of them good in the fixed swims only. NEAT has the poses of the paper.
-        self._spread = config.plan.search == "cma"
+        self._spread = config.choices.search == "cma"
         if start is not None:
-            self._final_poses = layout(AQUAFISH).angles(start)[None]
+            self._final_poses = layout(self._plan).angles(start)[None]
             self._finals = every_pair(bodies, self._final_poses)
             return
         count = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-count // len(bodies))
         poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)  # the same in all generations
         self._final_poses = poses[:count]
-        self._finals = np.resize(bodies, (len(poses), 9)), poses
+        self._finals = np.resize(bodies, (len(poses), bodies.shape[1])), poses
 
     def nominate(self, proposal: Proposal) -> Proposal:
         """Return the proposal; from a state, with all controllers as finalists."""
@@ -336,12 +342,13 @@ class _Trials:
         c = self._config
         count = c.poses if proposal.poses is None else proposal.poses
         if count and self._spread:
-            return spread_poses(1 + count, stream(c.seed, 2, generation))
+            return spread_poses(1 + count, stream(c.seed, 2, generation), self._plan)
         return self._poses(count, 2, generation)
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
         draw = spread_poses if self._spread else random_poses
-        return np.vstack([ZERO_POSE, draw(count, stream(self._config.seed, *key))])
+        drawn = draw(count, stream(self._config.seed, *key), self._plan)
+        return np.vstack([zero_pose(self._plan), drawn])
 
 
 def _check(
@@ -369,6 +376,7 @@ def _check(
 def _check_first(first: object, config: EvolveConfig) -> None:
     """Refuse a first controller that does not fit a configuration."""
     checked = instance("first", first, Controller)
+    check_same_plan("first", checked.plan, check_plan(config.plan))
     task = check_task(config.task)
     default = EvolveConfig()
     for name in OF_A_NETWORK:

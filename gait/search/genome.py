@@ -11,7 +11,7 @@ import numpy as np
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait.controllers.controller import INTERVAL, Controller
-from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.network import Senses
 
 ACTIVATION, AGGREGATION = "tanh", "sum"  # neat-python's names of what a controller computes
 
@@ -30,8 +30,8 @@ def genome_to_controller(
     Parameters
     ----------
     genome
-        Its inputs are ``senses.names``, and its outputs the three servos. Every node that reaches
-        an output has the activation tanh and the aggregation sum.
+        Its inputs are ``senses.names``, and its outputs the servos of the body's plan. Every node
+        that reaches an output has the activation tanh and the aggregation sum.
     clock, morphology, seed, senses, interval
         As of :class:`~gait.controllers.controller.Controller`.
     config
@@ -53,8 +53,10 @@ def genome_to_controller(
                 f"got {brief(genome)}"
             )
     senses = Senses() if senses is None else instance("senses", senses, Senses)
-    inputs, outputs = [-i - 1 for i in range(len(senses.names))], list(range(len(OUTPUTS)))
-    recurrent = config is not None and _is_recurrent(config, len(inputs))
+    plan = instance("morphology", morphology, Morphology).plan
+    inputs = [-i - 1 for i in range(len(senses.names(plan)))]
+    outputs = list(range(len(plan.fins)))
+    recurrent = config is not None and _is_recurrent(config, len(inputs), len(outputs))
     enabled = [key for key, c in genome.connections.items() if c.enabled]
     _check_ends(genome, enabled, inputs, outputs)
     if recurrent:
@@ -87,12 +89,12 @@ def genome_to_controller(
     )
 
 
-def _is_recurrent(config: Any, inputs: int) -> bool:
+def _is_recurrent(config: Any, inputs: int, outputs: int) -> bool:
     """Return whether a configuration's networks are recurrent; refuse other inputs or outputs."""
     settings = instance("config", config, neat.Config).genome_config
     for what, keys, expected in (
         ("inputs", settings.input_keys, inputs),
-        ("outputs", settings.output_keys, len(OUTPUTS)),
+        ("outputs", settings.output_keys, outputs),
     ):
         if len(keys) != expected:
             raise InvalidArgumentError(

@@ -15,7 +15,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE, write_rows
 from gait.search.ask_tell import Proposal
-from gait.search.config import SearchPlan
+from gait.search.config import Choices
 
 # Fitness from random poses is noisy, and the best of many controllers is the luckiest. So the
 # leaders of each generation swim again, from poses that are fixed for the run.
@@ -101,7 +101,7 @@ def finalists_of(proposal: Proposal, fitness: NDArray[np.float64]) -> Sequence[C
     return [proposal.controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
 
 
-def read_checkpoint(folder: Path, plan: SearchPlan) -> list[Scores]:
+def read_checkpoint(folder: Path, choices: Choices) -> list[Scores]:
     """Return the scores of the generations that a folder holds."""
     path = folder / CHECKPOINT_FILE
     if not path.exists():
@@ -112,11 +112,11 @@ def read_checkpoint(folder: Path, plan: SearchPlan) -> list[Scores]:
     except (DamagedFileError, KeyError, TypeError) as error:
         reason = error if isinstance(error, DamagedFileError) else f"out: {path} lacks something"
         raise DamagedFileError(f"{reason}; delete it to start again") from None
-    if len(recorded) > plan.rows:
-        name = "cma_generations" if plan.cma_generations else "generations"
-        given: int = getattr(plan, name)
+    if len(recorded) > choices.rows:
+        name = "cma_generations" if choices.cma_generations else "generations"
+        given: int = getattr(choices, name)
         raise InvalidArgumentError(
-            f"{name} must be at least the {given + len(recorded) - plan.rows} that out already "
+            f"{name} must be at least the {given + len(recorded) - choices.rows} that out already "
             f"holds; got {given}"
         )
     return recorded

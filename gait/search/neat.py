@@ -16,13 +16,13 @@ from typing import Any
 import neat
 import numpy as np
 
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search import cma
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 from gait.search.genome import genome_to_controller as genome_to_controller
 
-DEFAULT_INPUTS = len(Senses().names)
 NEAT_STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
 
 GenomeBuilder = Callable[[Any], Controller]  # from a genome
@@ -36,10 +36,12 @@ class Evolution:
         build: GenomeBuilder,
         size: int,
         seed: int,
-        inputs: int = DEFAULT_INPUTS,
+        senses: Senses | None = None,
         growing: bool = False,
+        plan: BodyPlan = AQUAFISH,
     ) -> None:
-        self._build, self._config = build, load_config(size, inputs, growing)
+        self._build = build
+        self._config = load_config(size, senses, growing, plan)
         self._random = random.Random(seed).getstate()
         with self._global_random():
             self._run = neat.Population(self._config)
@@ -105,12 +107,14 @@ def multistart(
     yield from halve(tuners, halving_stages(len(tuners), sys.maxsize, NEAT_STAGES))
 
 
-def load_config(size: int, inputs: int = DEFAULT_INPUTS, growing: bool = False) -> Any:
-    """Return neat-python's configuration for ``size`` genomes.
+def load_config(
+    size: int, senses: Senses | None = None, growing: bool = False, plan: BodyPlan = AQUAFISH
+) -> Any:
+    """Return neat-python's configuration for ``size`` genomes of controllers of a plan.
 
-    ``growing`` ones add a node, and a connection, in every other child, and tolerate larger
-    differences within a species. On some bodies good gaits need hidden nodes; on others they are
-    found sooner without.
+    ``senses`` are by default ``Senses()``. ``growing`` genomes add a node, and a connection, in
+    every other child, and tolerate larger differences within a species. On some bodies good gaits
+    need hidden nodes; on others they are found sooner without.
     """
     with as_file(files("gait.search") / "neat.ini") as path:
         config = neat.Config(
@@ -122,7 +126,11 @@ def load_config(size: int, inputs: int = DEFAULT_INPUTS, growing: bool = False) 
         )
     config.pop_size = size
     genome = config.genome_config
-    genome.num_inputs, genome.input_keys = inputs, [-i - 1 for i in range(inputs)]
+    inputs = len((senses or Senses()).names(plan))
+    genome.num_inputs = inputs
+    genome.input_keys = [-i - 1 for i in range(inputs)]
+    genome.num_outputs = len(plan.fins)
+    genome.output_keys = list(range(genome.num_outputs))
     if growing:
         genome.node_add_prob = genome.conn_add_prob = 0.5
         config.species_set_config.compatibility_threshold *= 2.0

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from gait.controllers.controller import INTERVAL, Controller
-from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.network import Senses
 
 CLOCK_OCTAVES = 4.0  # bounds of a tuned clock, relative to the initial one
 # Standard deviation of random weights, at which nodes saturate and fins turn. Memory weights start
@@ -36,15 +37,23 @@ class Template:
     response: NDArray[np.float64]  #: (N,).
     interval: int = INTERVAL  #: Steps of 0.01 s.
     output: Literal["tanh", "clip"] = "tanh"
+    plan: BodyPlan = AQUAFISH
 
     @classmethod
-    def of_class(cls, name: str, senses: Senses, hidden: int, interval: int = INTERVAL) -> Self:
+    def of_class(
+        cls,
+        name: str,
+        senses: Senses,
+        hidden: int,
+        interval: int = INTERVAL,
+        plan: BodyPlan = AQUAFISH,
+    ) -> Self:
         """Return the template of a class of controllers.
 
         In a ``"linear"`` one each output has all inputs. ``"mlp"`` has ``hidden`` nodes in between;
         in ``"recurrent"`` (Elman's network) these also have each other's previous values.
         """
-        inputs, outputs = len(senses.names), len(OUTPUTS)
+        inputs, outputs = len(senses.names(plan)), len(plan.fins)
         between = 0 if name == "linear" else hidden
         nodes = between + outputs
         free = np.zeros((nodes, inputs + nodes), bool)
@@ -53,15 +62,15 @@ class Template:
         if name == "recurrent":
             free[:between, inputs : inputs + between] = True
         layers = (between, outputs) if between else (outputs,)
-        return cls(senses, layers, free, np.ones(nodes), interval)
+        return cls(senses, layers, free, np.ones(nodes), interval, plan=plan)
 
     @classmethod
     def like(cls, controller: Controller) -> Self:
         """Return the template of a controller's connections, and of any from input to output."""
         free = controller.weights != 0.0
-        free[-len(OUTPUTS) :, : len(controller.senses.names)] = True
         c = controller
-        return cls(c.senses, c.layers, free, c.response, c.interval, c.output)
+        free[-len(c.plan.fins) :, : len(c.inputs)] = True
+        return cls(c.senses, c.layers, free, c.response, c.interval, c.output, c.plan)
 
     @property
     def size(self) -> int:
@@ -74,9 +83,11 @@ class Template:
 
     def random(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return random vectors (count, size) without memory."""
-        inputs, nodes = len(self.senses.names), len(self.free)
+        nodes, columns = self.free.shape
+        inputs = columns - nodes
+        hidden = nodes - len(self.plan.fins)
         memory = np.zeros_like(self.free)
-        memory[: -len(OUTPUTS), inputs : inputs + nodes - len(OUTPUTS)] = True
+        memory[:hidden, inputs : inputs + hidden] = True
         found = WEIGHT_SD * rng.standard_normal((count, self.size))
         found[:, 1 + nodes :][:, memory[self.free]] = 0.0
         return found

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 class Transition(NamedTuple):
     """One step of an environment; of a batch of E robots, its arrays have E rows."""
 
-    action: ArrayLike  #: (3,) or (E, 3) what the agent returned.
+    action: ArrayLike  #: (F,) or (E, F) what the agent returned.
     observation: NDArray[np.float32]  #: What it observes next.
     reward: Any
     terminated: Any  #: Whether a robot left the finite numbers.
@@ -33,7 +33,7 @@ def transitions(
     env
         An environment of Gymnasium, of one robot or a batch, that was reset.
     act
-        Returns actions, (3,) or (E, 3), for observations, (k,) or (E, k).
+        Returns actions, (F,) or (E, F), for observations, (k,) or (E, k).
     observation
         What the environment returned last.
 

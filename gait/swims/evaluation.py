@@ -96,7 +96,7 @@ def evaluate(
     Parameters
     ----------
     agent
-        A function of observations (E, k) that returns actions (E, 3); a ``Controller``, which is
+        A function of observations (E, k) that returns actions (E, F); a ``Controller``, which is
         given the true initial fin angles; a model of stable-baselines3 or another object with
         ``predict``; a :class:`gait.Agent`, which may lack ``reset``; or a policy of one robot, as
         of :func:`gait.swim`, called once a step. A function that can take the time, as its second
@@ -147,7 +147,8 @@ def _play(agent: object, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluatio
     observations, info = envs.reset(seed=integer("seed", seed, 0, MAXIMUM_SEED))
     number = envs.num_envs
     base: Any = envs.unwrapped
-    steers = make_agent(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
+    interval, dt, plan = (getattr(base, name, None) for name in ("frame_skip", "dt", "plan"))
+    steers = make_agent(agent, interval, dt, plan=plan)
     steers.reset(info)
     returns = np.zeros(number)
     y_position = [np.asarray(info.get("y_position", np.full(number, np.nan)))]

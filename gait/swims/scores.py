@@ -21,7 +21,7 @@ from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import Task, check_task, compiled_task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan, check_same_plan
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -34,10 +34,10 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import ControllerAgent, refuse_unused
+from gait.controllers.agents import ControllerAgent, plan_of, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
 from gait.swims.episode import transitions
-from gait.swims.poses import ZERO_POSE
+from gait.swims.poses import zero_pose
 from gait.swims.swim import SECONDS, check_world, step_count
 
 FORWARD = "forward"  # the task whose score is a distance
@@ -45,32 +45,33 @@ FORWARD = "forward"  # the task whose score is a distance
 DIVERGED_SPEED = -5.0
 
 
-# Bodies (Q, 9) and initial poses (Q, 3), in rad, of Q swims.
+# Bodies (Q, S) and initial poses (Q, F), in rad, of Q swims.
 Swims = tuple[Floats, Floats]
 
 
 def draw_swims(bodies: Floats, poses: Floats, source: np.random.SeedSequence) -> Swims:
-    """Return swims from poses (Q, 3), with bodies (M, 9) dealt at random and equally often."""
+    """Return swims from poses (Q, F), with bodies (M, S) dealt at random and equally often."""
     order = np.random.default_rng(source).permutation(len(bodies))
     return bodies[np.resize(order, len(poses))], poses
 
 
 def every_pair(bodies: Floats, poses: Floats) -> Swims:
-    """Return the M x Q swims of each body (M, 9) from each pose (Q, 3), body by body."""
+    """Return the M x Q swims of each body (M, S) from each pose (Q, F), body by body."""
     return np.repeat(bodies, len(poses), axis=0), np.tile(poses, (len(bodies), 1))
 
 
 def distances(
     controllers: Sequence[Controller],
     bodies: MorphologiesLike,
-    poses: ArrayLike = (ZERO_POSE,),
+    poses: ArrayLike | None = None,
     seconds: float = SECONDS,
     threads: int | None = None,
     world: WorldConfig | None = None,
 ) -> Floats:
     """Return the mean distance of each controller on each body over some poses, in float32.
 
-    Each of the M bodies swims from each of the poses (Q, 3); otherwise as :func:`gait.scores`.
+    Each of the M bodies swims from each of the poses (Q, F), in rad, by default 0; otherwise as
+    :func:`gait.scores`.
 
     Returns
     -------
@@ -90,8 +91,10 @@ def distances(
     >>> distances([silent], [body, {"caudal": (0, 0, 0)}], seconds=1).round(3).tolist()
     [[0.0, 0.0]]
     """
-    sizes = body_array(bodies, "bodies")
-    angles = finite_array("poses", poses, (None, 3), unit="rad")
+    plan = plan_of(controllers, bodies)
+    sizes = body_array(bodies, "bodies", plan)
+    given = zero_pose(plan) if poses is None else poses
+    angles = finite_array("poses", given, (None, len(plan.fins)), unit="rad")
     if not len(angles):
         raise InvalidArgumentError("poses must be one or more; got none")
     swims = every_pair(sizes, angles)
@@ -102,7 +105,7 @@ def distances(
 def scores(
     controllers: Sequence[Controller],
     morphologies: MorphologiesLike = None,
-    fin_angles: ArrayLike = (ZERO_POSE,),
+    fin_angles: ArrayLike | None = None,
     seconds: float = SECONDS,
     *,
     task: object = FORWARD,
@@ -126,14 +129,14 @@ def scores(
     Parameters
     ----------
     controllers
-        P of :class:`gait.Controller`. For functions, agents and models see :func:`gait.swim` and
-        :func:`gait.evaluate`; for genomes of neat-python,
+        P of :class:`gait.Controller`, of one body plan. For functions, agents and models see
+        :func:`gait.swim` and :func:`gait.evaluate`; for genomes of neat-python,
         :func:`gait.search.genome.genome_to_controller`.
     morphologies
-        Q bodies, or one for all: one as ``Morphology.coerce`` takes it, a list, or (Q, 9) sizes.
+        Q bodies, or one for all: one as ``Morphology.coerce`` takes it, a list, or (Q, S) sizes.
     fin_angles
-        (Q, 3) initial left and right pectoral angle and caudal phase, rad; (1, 3) for all bodies.
-        The i-th body swims from the i-th pose; see also :func:`every_pair`.
+        (Q, F) each fin's initial angle, or its phase if it sweeps, rad; (1, F) for all bodies, by
+        default 0. The i-th body swims from the i-th pose; see also :func:`every_pair`.
     seconds
         Length of a swim.
     task, damage
@@ -152,10 +155,10 @@ def scores(
     threads
         None uses every core; no result depends on it.
     believed, believed_gain
-        What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, and
-        servo gains (3,) or (Q, 3). None for the true ones. Refused if none senses them.
+        What controllers that sense their fins assume: initial angles (Q, F) or (1, F) in rad, and
+        servo gains (F,) or (Q, F). None for the true ones. Refused if none senses them.
     start
-        A state (25,) in which all swims begin, as the vector environment's ``states`` has it; its
+        A state in which all swims begin, as the vector environment's ``states`` has it; its
         fin angles stand for ``fin_angles``, which is then left out. None begins at rest.
     penalize
         Whether a robot that diverged scores as one that swam backwards at 5 units/s; else NaN.
@@ -187,11 +190,15 @@ def scores(
     one_of("dtype", dtype, ("float32", "float64"))
     flag("penalize", penalize)
     engine = check_engine(engine)
-    sizes = body_array(morphologies)
-    angles = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+    plan = plan_of(controllers, morphologies)
+    for i, controller in enumerate(controllers):
+        check_same_plan(f"controllers[{i}]", controller.plan, plan)
+    sizes = body_array(morphologies, plan=plan)
+    pose = zero_pose(plan) if fin_angles is None else fin_angles
+    angles = finite_array("fin_angles", pose, (None, len(plan.fins)), unit="rad")
     if isinstance(task, str) and task == FORWARD and not broken:
         found = _distances(
-            controllers, sizes, angles, step_count(seconds) * TIMESTEP,
+            plan, controllers, sizes, angles, step_count(seconds) * TIMESTEP,
             world, engine, dtype, threads, believed, believed_gain, start,
         )  # fmt: skip
         return penalize_diverged(found, seconds) if penalize else found
@@ -208,7 +215,7 @@ def scores(
     returns = np.empty((len(controllers), len(swims[1])))
     play = _step_episodes if compiled_task(judged) is None else _roll_out_episodes
     for numbers, those in by_kind(controllers):
-        one_kind = play(those, swims, judged, broken, seed, engine, dtype, threads)
+        one_kind = play(plan, those, swims, judged, broken, seed, engine, dtype, threads)
         returns[numbers] = one_kind.reshape(len(those), -1)
     return penalize_diverged(returns, judged.seconds) if penalize else returns
 
@@ -219,6 +226,7 @@ def penalize_diverged(found: Floats, seconds: float) -> Floats:
 
 
 def _distances(
+    plan: BodyPlan,
     controllers: list[Controller],
     sizes: Floats,
     angles: Floats,
@@ -232,12 +240,13 @@ def _distances(
     start: ArrayLike | None,
 ) -> Floats:
     """Return the distances (P, Q) of controllers; NaN where a robot diverged."""
-    state = None if start is None else check_state(start)
-    bodies, poses = pair_swims(sizes, angles if state is None else _only_pose(state, angles))
+    state = None if start is None else check_state(start, plan)
+    begun = angles if state is None else _only_pose(plan, state, angles)
+    bodies, poses = pair_swims(sizes, begun)
     swims = len(poses)
-    fins = None if believed is None else _each_swim("believed", believed, swims)
-    gain = world.gains(AQUAFISH) if believed_gain is None else believed_gain
-    gains = _each_swim("believed_gain", gain, swims)
+    fins = None if believed is None else _each_swim("believed", believed, poses.shape)
+    gain = world.gains(plan) if believed_gain is None else believed_gain
+    gains = _each_swim("believed_gain", gain, poses.shape)
     sensing = not controllers or any(controller.senses.fins for controller in controllers)
     refuse_unused(sensing, "believed", believed)
     refuse_unused(sensing, "believed_gain", believed_gain)
@@ -247,7 +256,8 @@ def _distances(
     first_y = 0.0 if state is None else state[FIELDS["position"]][1]
     for numbers, those in by_kind(controllers):
         each = (len(those), 1)
-        robots = Scenario.fill({"body": np.tile(bodies, each), "fin_angles": np.tile(poses, each)})
+        fields = {"body": np.tile(bodies, each), "fin_angles": np.tile(poses, each)}
+        robots = Scenario.fill(fields, plan=plan)
         swum = rollout(
             program_of(those, swims),
             world.edit(robots),
@@ -266,6 +276,7 @@ def _distances(
 
 
 def _roll_out_episodes(
+    plan: BodyPlan,
     controllers: list[Controller],
     swims: Swims,
     task: Task,
@@ -279,7 +290,7 @@ def _roll_out_episodes(
     count = len(swims[1])
     program = program_of(controllers, count)
     rngs = [np.random.default_rng(seed + q) for q in range(count)]
-    config = check_episode(task, damage=damage)
+    config = check_episode(task, damage=damage, plan=plan)
     configs = [
         config.with_options({"morphology": body, "fin_angles": pose})
         for body, pose in zip(*swims, strict=True)
@@ -300,6 +311,7 @@ def _roll_out_episodes(
 
 
 def _step_episodes(
+    plan: BodyPlan,
     controllers: list[Controller],
     swims: Swims,
     task: Task,
@@ -318,6 +330,7 @@ def _step_episodes(
         )
     envs = AquaFishVectorEnv(
         len(controllers) * count,
+        plan=plan,
         morphology=np.tile(swims[0], (len(controllers), 1)),
         fin_angles=np.tile(swims[1], (len(controllers), 1)),
         damage=damage,
@@ -349,26 +362,26 @@ def by_kind(controllers: Sequence[Controller]) -> Iterator[tuple[list[int], list
         yield numbers, [controllers[i] for i in numbers]
 
 
-def check_state(start: ArrayLike) -> Floats:
-    """Return a state (25,), in the order of ``aquafish_gym.physics.layout``."""
-    return finite_array("start", start, (layout(AQUAFISH).state_rows,))
+def check_state(start: ArrayLike, plan: BodyPlan) -> Floats:
+    """Return the state of a plan's robot, in the order of ``aquafish_gym.physics.layout``."""
+    return finite_array("start", start, (layout(plan).state_rows,))
 
 
 def pair_swims(bodies: Floats, poses: Floats) -> Swims:
-    """Return bodies (Q, 9) and poses (Q, 3) of Q swims, where one of either was for all."""
+    """Return bodies (Q, S) and poses (Q, F) of Q swims, where one of either was for all."""
     swims = len(bodies) if len(poses) == 1 else len(poses)
     if len(bodies) not in (1, swims):
         raise InvalidArgumentError(
             "morphologies and fin_angles must be equally many, or one for all; "
             f"got {len(bodies)} and {len(poses)}"
         )
-    shape = (swims, bodies.shape[1])
-    return np.broadcast_to(bodies, shape), np.broadcast_to(poses, (swims, len(AQUAFISH.names)))
+    shape = (swims, poses.shape[1])
+    return np.broadcast_to(bodies, (swims, bodies.shape[1])), np.broadcast_to(poses, shape)
 
 
-def _only_pose(start: Floats, poses: Floats) -> Floats:
-    """Return the fin angles (1, 3) of a state (25,), from which ``poses`` must not differ."""
-    begun = layout(AQUAFISH).angles(start)[None]
+def _only_pose(plan: BodyPlan, start: Floats, poses: Floats) -> Floats:
+    """Return the fin angles (1, F) of a state, from which ``poses`` must not differ."""
+    begun = layout(plan).angles(start)[None]
     if poses.any() and not (poses == begun).all():
         raise InvalidArgumentError(
             f"fin_angles must be those of start, in which all swims begin; got {brief(poses)}"
@@ -376,9 +389,10 @@ def _only_pose(start: Floats, poses: Floats) -> Floats:
     return begun
 
 
-def _each_swim(name: str, values: ArrayLike, swims: int) -> Floats:
-    """Return values (Q, 3) from one row for all swims, or one for each."""
-    table = finite_array(name, values, (None, 3), flat=name == "believed_gain")
+def _each_swim(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """Return values (Q, F) from one row for all swims, or one for each."""
+    swims, fins = shape
+    table = finite_array(name, values, (None, fins), flat=name == "believed_gain")
     if len(table) not in (1, swims):
         raise InvalidArgumentError(f"{name} must be one for all swims or {swims}; got {len(table)}")
-    return np.broadcast_to(table, (swims, len(AQUAFISH.names)))
+    return np.broadcast_to(table, shape)

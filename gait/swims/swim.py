@@ -12,14 +12,13 @@ from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rollout import rollout
 from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import finite_array, instance, integer
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import beliefs_of, held_steps, make_policy, refuse_unused
+from gait.controllers.agents import beliefs_of, held_steps, make_policy, plan_of, refuse_unused
 from gait.controllers.controller import INTERVAL, MAXIMUM_SEED, Controller
-from gait.swims.poses import ZERO_POSE
+from gait.swims.poses import zero_pose
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 _MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
@@ -42,11 +41,11 @@ class Swim:
     time: Floats  #: (T,) in s.
     position: Floats  #: (T, 3) of the capsule's centre in the world, from the origin, in units.
     quaternion: Floats  #: (T, 4) from body to world, (x, y, z, w).
-    fin_angles: Floats  #: (T, 3) left and right pectoral angle and caudal phase, in rad.
+    fin_angles: Floats  #: (T, F) each fin's angle, or its phase if it sweeps, in rad.
     #: Velocity of the water in the world, in units/s.
     current: Triple = field(default=(0.0, 0.0, 0.0), kw_only=True)
-    #: (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the command
-    #: until then, rev/s, rev/s and Hz; None for a swim read from a file.
+    #: (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the commands
+    #: (N, F) until then, rev/s or Hz; None for a swim read from a file.
     gyro: Floats | None = field(default=None, kw_only=True)
     commands: Floats | None = field(default=None, kw_only=True)
 
@@ -65,7 +64,7 @@ class Swim:
 def swim(
     controller: object,
     morphology: MorphologyLike,
-    fin_angles: ArrayLike = ZERO_POSE,
+    fin_angles: ArrayLike | None = None,
     engine: str = "auto",
     seconds: float = SECONDS,
     world: WorldConfig | None = None,
@@ -87,16 +86,17 @@ def swim(
         ``act``, or with ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
         An object's ``morphology`` is its native body; see :func:`gait.swims.transfer.transfer`.
     morphology
-        A body as ``Morphology.coerce`` takes it; None is the nominal one.
+        A body as ``Morphology.coerce`` takes it; None is the nominal one. Its plan is the
+        controller's; of one without a plan, such as a function, it is the ``Morphology``'s.
     fin_angles
-        (3,) initial left and right pectoral angle and caudal phase, rad.
+        (F,) each fin's initial angle, or its phase if it sweeps, rad; None is 0 for each.
     seconds
         Length of the swim.
     world
         The water and the servos; None is ``WorldConfig()``.
     believed, believed_gain
-        What a controller that reckons its fins assumes: initial angles (3,) in rad, and servo gains
-        (3,). None for the true ones. Refused if it does not, or has beliefs of its own, as an agent
+        What a controller that reckons its fins assumes: initial angles (F,) in rad, and servo gains
+        (F,). None for the true ones. Refused if it does not, or has beliefs of its own, as an agent
         has of its gains.
     interval
         Steps of 0.01 s for which an action is held. None: a controller's or agent's own; else 5
@@ -121,24 +121,27 @@ def swim(
     EngineUnavailableError
         If the engine's package is missing.
     """
-    angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-    body = Morphology.coerce(morphology)
+    plan = plan_of(controller, morphology)
+    fins = len(plan.fins)
+    pose = zero_pose(plan)[0] if fin_angles is None else fin_angles
+    angles = finite_array("fin_angles", pose, (fins,), unit="rad")
+    body = Morphology.coerce(morphology, plan)
     time = step_count(seconds) * TIMESTEP
     water = check_world(world)
-    gain = water.gains(AQUAFISH) if believed_gain is None else believed_gain
-    gain = finite_array("believed_gain", gain, (3,))
+    gain = water.gains(plan) if believed_gain is None else believed_gain
+    gain = finite_array("believed_gain", gain, (fins,))
     beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "believed", believed)
     refuse_unused(beliefs.gains, "believed_gain", believed_gain)
     steps = held_steps(controller, interval)
     task = SwimForward(seconds=time)
-    config = check_episode(task, body, damage, fin_angles=angles, hold=steps)
+    config = check_episode(task, body, damage, fin_angles=angles, hold=steps, plan=plan)
     rng = np.random.default_rng(integer("seed", seed, 0, MAXIMUM_SEED))
     robot, _ = begin_episodes([config], [rng], steps)
     assumed = robot.fin_angles[0]
     if believed is not None:
-        assumed = finite_array("believed", believed, (3,), unit="rad")
-    policy = make_policy(controller, steps, assumed, gain, observe_fins)
+        assumed = finite_array("believed", believed, (fins,), unit="rad")
+    policy = make_policy(controller, steps, assumed, gain, observe_fins, plan)
     sampled = steps
     if isinstance(controller, Controller) and not config.damage:  # which counts the actions
         sampled = sampling_steps(controller)

@@ -10,17 +10,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import AUTO, NAMES, check_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    brief,
     finite_array,
     instance,
     integer,
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import beliefs_of, refuse_unused
+from gait.controllers.agents import beliefs_of, plan_of, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.swims.poses import MAXIMUM_POSES, ZERO_POSE, random_poses
+from gait.swims.poses import MAXIMUM_POSES, random_poses
 from gait.swims.scores import scores
 from gait.swims.swim import SECONDS, Swim, check_world, step_count, swim
 
@@ -39,11 +41,12 @@ class TransferConfig:
     """Engine of the controller's own body: numba, pybullet or auto."""
     target_engine: str = "auto"
     """Engine of the target: auto (PyBullet if installed, else numba), pybullet or numba."""
-    angle_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angle_error: tuple[float, ...] = (0.0,)
     """Error of the initial fin angles that the controller, which senses them, assumes on the
-    target, in rad."""
-    believed_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Servo gains that the controller, which senses its fins, assumes on the target."""
+    target, in rad: one for all fins, or one for each."""
+    believed_gain: tuple[float, ...] = (1.0,)
+    """Servo gains that the controller, which senses its fins, assumes on the target: one for all,
+    or one for each."""
 
     def __post_init__(self) -> None:
         integer("poses", self.poses, 1, MAXIMUM_POSES)
@@ -51,8 +54,9 @@ class TransferConfig:
         step_count(self.seconds)
         for name in ("native_engine", "target_engine"):
             one_of(name, getattr(self, name), (AUTO, *NAMES))
-        finite_array("angle_error", self.angle_error, (3,), unit="rad")
-        finite_array("believed_gain", self.believed_gain, (3,))
+        for name, unit in (("angle_error", "rad"), ("believed_gain", "")):
+            if not len(finite_array(name, getattr(self, name), (None,), unit=unit)):
+                raise InvalidArgumentError(f"{name} must be one number or more; got none")
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Transfer:
-    """A controller on its native body and on the target, from the same random poses (n, 3) in rad.
+    """A controller on its native body and on the target, from the same random poses (n, F) in rad.
 
     Examples
     --------
@@ -139,14 +143,17 @@ def transfer(
         If an engine's package is missing.
     """
     c = TransferConfig() if config is None else instance("config", config, TransferConfig)
-    away = Morphology.coerce(target)
-    home = getattr(controller, "morphology", None) if native is None else Morphology.coerce(native)
+    plan = plan_of(controller, native, target)
+    away = Morphology.coerce(target, plan)
+    home = getattr(controller, "morphology", None)
+    if native is not None:
+        home = Morphology.coerce(native, plan)
     if not isinstance(home, Morphology):
         raise InvalidArgumentError(
             "native must be given: the controller has no morphology; got None"
         )
     engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
-    poses = random_poses(c.poses, c.seed)
+    poses = random_poses(c.poses, c.seed, plan)
     return Transfer(
         native=swims_on(controller, home, poses, engines[0], c.seconds, observe_fins=observe_fins),
         target=swims_on(
@@ -164,20 +171,21 @@ def swims_on(
     engine: str = "auto",
     seconds: float = SECONDS,
     world: WorldConfig | None = None,
-    angle_error: ArrayLike = (0.0, 0.0, 0.0),
-    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    angle_error: ArrayLike = (0.0,),
+    believed_gain: ArrayLike = (1.0,),
     observe_fins: str | bool = False,
 ) -> Scored:
-    """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, 3).
+    """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, F).
 
     ``angle_error`` and ``believed_gain`` are as in :class:`TransferConfig`, ``observe_fins`` as in
     :func:`gait.swim`, and so are the errors. A :class:`gait.Controller` swims from all poses as a
     batch by :func:`gait.scores`, anything else from one after the other.
     """
-    angles = finite_array("poses", poses, (None, 3), unit="rad")
+    plan = plan_of(controller, morphology)
+    angles = finite_array("poses", poses, (None, len(plan.fins)), unit="rad")
     world = check_world(world)
-    error = finite_array("angle_error", angle_error, (3,), unit="rad")
-    gain = finite_array("believed_gain", believed_gain, (3,))
+    error = _each_fin("angle_error", angle_error, plan, "rad")
+    gain = _each_fin("believed_gain", believed_gain, plan)
     beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "angle_error", angle_error if error.any() else None)
     refuse_unused(beliefs.gains, "believed_gain", believed_gain if (gain != 1.0).any() else None)
@@ -199,4 +207,15 @@ def swims_on(
         )[0]  # fmt: skip
     else:
         distances = np.array([swim_from(pose).distance for pose in angles])
-    return Scored(swim_from(np.array(ZERO_POSE)), distances)
+    return Scored(swim_from(np.zeros(len(plan.fins))), distances)
+
+
+def _each_fin(name: str, value: ArrayLike, plan: BodyPlan, unit: str = "") -> NDArray[np.float64]:
+    """Return numbers (F,) from one for all fins, or one for each."""
+    given = finite_array(name, value, (None,), unit=unit)
+    fins = len(plan.fins)
+    if len(given) not in (1, fins):
+        raise InvalidArgumentError(
+            f"{name} must be one number, or {fins} for {', '.join(plan.names)}; got {brief(value)}"
+        )
+    return np.resize(given, fins)

@@ -37,7 +37,7 @@ from gait.swims.scores import scores
 from gait.swims.swim import SECONDS, step_count
 from instruments.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
-CLOCK = EvolveConfig().plan.clock  # Hz
+CLOCK = EvolveConfig().choices.clock  # Hz
 LEAST_POPULATION = 10  # NEAT's species need some members
 GENERATIONS = 30
 
@@ -53,7 +53,7 @@ NO_LEARNING = (
 
 def populations(settings: Settings, cleanup: ExitStack) -> Group:
     """Return a population as NEAT begins with, as chance breeds it, and as evolution does."""
-    usual = EvolveConfig(search="neat").plan
+    usual = EvolveConfig(search="neat").choices
     count = max(LEAST_POPULATION, min(usual.population, settings.robots))
     generations = 2 if settings.quick else GENERATIONS
     seconds = 0.1 if settings.quick else SECONDS

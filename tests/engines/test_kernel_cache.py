@@ -183,8 +183,10 @@ def test_the_cache_is_tied_to_all_that_a_policy_imports(
 ) -> None:
     """A network freezes the servos' bounds, which another file states."""
     from aquafish_gym.engines.compiled.kernel import compile_kernel
-    from gait.controllers.network import respond
+    from aquafish_gym.plans import AQUAFISH
+    from gait.controllers.network import responder
 
+    respond = responder(AQUAFISH)
     stamps = compiling.source_stamp(compile_kernel, respond), compiling.source_stamp()
     frozen = sys.modules[module]
     changed = tmp_path / "changed.py"

@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import BodyPlan
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search.evolve import Evolved, evolve_gait
 from gait.search.history import Generation
 from gait.search.neat import genome_to_controller, load_config
 
-INPUT_COUNT = len(Senses().names)
+INPUT_COUNT = len(Senses().names())
 
 
 def random_genome(seed: int, mutations: int, feed_forward: bool = True) -> tuple[Any, Any]:
     """Return neat-python's configuration and a genome after some mutations."""
-    config = load_config(10, INPUT_COUNT)
+    config = load_config(10)
     genome_config = config.genome_config
     genome_config.feed_forward = feed_forward
     # Quicker growth, and responses too, so that a few mutations reach every kind of network.
@@ -65,6 +66,7 @@ class WeightScorer:
 
     def __call__(
         self,
+        _plan: BodyPlan,
         controllers: Sequence[Controller],
         bodies: NDArray[np.float64],
         fin_angles: NDArray[np.float64],

@@ -28,7 +28,7 @@ from gait import Controller, damaged_at_random, evaluate, scores, swim
 from gait.controllers.agents import ControllerAgent, held_steps, takes_time
 from gait.controllers.controller import program_of
 from gait.controllers.inputs import NetworkInputs, reckoned
-from gait.controllers.network import Senses, forward, respond
+from gait.controllers.network import Senses, forward, responder
 from gait.film import Film
 from gait.search.templates import Template
 from gait.swims.evaluation import FIRST_SEED, interquartile_mean
@@ -195,7 +195,7 @@ def test_beliefs_are_taken_by_those_that_use_them() -> None:
     knowing = {"believed": (1.0, 0.0, 0.0), "believed_gain": (1.0, 0.5, 1.0)}
     senses = Senses(fins=True)
     feeling = Controller(
-        np.full((3, len(senses.names) + 3), 0.1) * ([1.0] * len(senses.names) + [0.0] * 3),
+        np.full((3, len(senses.names()) + 3), 0.1) * ([1.0] * len(senses.names()) + [0.0] * 3),
         np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0, senses=senses,
     )  # fmt: skip
     for controller, observe_fins in ((feeling, False), (Model(15), "reckoned")):
@@ -220,7 +220,7 @@ def random_controller(interval: int) -> Controller:
     """Return a random linear controller that also senses its fins."""
     senses = Senses(fins=True)
     rng = np.random.default_rng(interval)
-    weights = np.hstack([rng.normal(size=(3, len(senses.names))), np.zeros((3, 3))])
+    weights = np.hstack([rng.normal(size=(3, len(senses.names()))), np.zeros((3, 3))])
     body = Morphology.nominal()
     return Controller(
         weights, rng.normal(size=3), np.ones(3), 0.7, body, 0, senses=senses, interval=interval
@@ -336,7 +336,7 @@ def test_intervals_that_a_policy_missed_are_of_the_action_in_force() -> None:
     """Its clock and its fins go on by them; a network without a memory then acts the same."""
     senses = Senses(imu=False, clock=1, fins=True)
     rng = np.random.default_rng(4)
-    weights = np.hstack([rng.normal(size=(3, len(senses.names))), np.zeros((3, 3))])
+    weights = np.hstack([rng.normal(size=(3, len(senses.names()))), np.zeros((3, 3))])
     plain = Controller(weights, np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0,
                        senses=senses, interval=10)  # fmt: skip
     gain = np.array([1.0, 0.5, -1.0])
@@ -494,6 +494,7 @@ def test_the_agent_is_the_network_on_plain_floats_to_the_last_bit() -> None:
     for controller, angles in zip(controllers, ANGLES, strict=True):
         genes, layout = controller.genes().tolist(), controller.layout().tolist()
         alone.append((genes, layout, [0.0] * 100, (angles / TAU).tolist()))
+    respond = responder(AQUAFISH)
     for k, observations in enumerate(drawn(30)):
         actions = together.act(observations, 0.2 * k)
         for i, (genes, layout, memory, fins) in enumerate(alone):
@@ -540,13 +541,15 @@ def test_the_inputs_of_learners_are_those_of_the_agent() -> None:
     inputs = NetworkInputs(controller.senses, controller.clock, 20, np.zeros((2, 3)))
     inputs.begin([0, 1], ANGLES)
     genes, layout = controller.genes().tolist(), controller.layout().tolist()
-    count = len(controller.senses.names)
+    count = len(controller.senses.names())
     values = [[0.0] * (count + 2 * controller.nodes) for _ in ANGLES]
     for observations in drawn(10)[:, :, :9]:
         actions = agent.act(observations)
         for row, seen, action in zip(values, inputs.observe(observations), actions, strict=True):
             row[:count] = seen.tolist()
-            assert forward(genes, layout, row, 0, 1, 0.0) == pytest.approx(action, abs=1e-6)
+            forward(genes, layout, row, 0, 1, 0.0)
+            last = count + controller.nodes
+            assert row[last - 3 : last] == pytest.approx(action, abs=1e-6)
         inputs.follow(actions)
         np.testing.assert_allclose(inputs.fin_angles, agent.fin_angles, atol=1e-5)
 

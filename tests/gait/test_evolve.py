@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE
 from gait.search.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
 from gait.search.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
-from gait.swims.poses import ZERO_POSE, random_poses, stream
+from gait.swims.poses import random_poses, stream, zero_pose
 from gait.swims.scores import DIVERGED_SPEED, distances
 from gait.swims.swim import SECONDS
 from gait_fakes import WeightScorer, contents, evolve_with, read_history
@@ -46,6 +46,7 @@ class Recorder(WeightScorer):
 
     def __call__(
         self,
+        plan: BodyPlan,
         controllers: Sequence[Controller],
         bodies: NDArray[np.float64],
         fin_angles: NDArray[np.float64],
@@ -54,7 +55,7 @@ class Recorder(WeightScorer):
     ) -> NDArray[np.float64]:
         self.bodies.append(bodies)
         self.poses.append(fin_angles)
-        self.distances.append(super().__call__(controllers, bodies, fin_angles))
+        self.distances.append(super().__call__(plan, controllers, bodies, fin_angles))
         return self.distances[-1]
 
 
@@ -76,8 +77,8 @@ def test_interrupted_run_ends_in_the_same_files(
     bodies: Any, config: EvolveConfig, tmp_path: Path
 ) -> None:
     straight = evolve_with(WeightScorer(), bodies, config, out=tmp_path / "straight")
-    assert len(straight.history) == config.plan.rows
-    for stop in (2, config.plan.rows // 2):  # in scorings
+    assert len(straight.history) == config.choices.rows
+    for stop in (2, config.choices.rows // 2):  # in scorings
         out = tmp_path / str(stop)
         with pytest.raises(KeyboardInterrupt):
             evolve_with(WeightScorer(stop + 1), bodies, config, out=out)
@@ -144,7 +145,7 @@ def test_copies_of_one_body_are_that_body() -> None:
 def test_result_has_the_distance_on_each_body(tmp_path: Path) -> None:
     config = EvolveConfig(paper=True, seed=3, generations=2, population=12, poses=2, seconds=1.0)
     evolved = evolve_gait(BODIES[:4], config, out=tmp_path)
-    poses = np.vstack([ZERO_POSE, random_poses(32, stream(3, 1))])
+    poses = np.vstack([zero_pose(), random_poses(32, stream(3, 1))])
     again = distances([evolved.controller], BODIES[:4], poses, seconds=1.0)
     np.testing.assert_array_equal(evolved.distances, again[0])
     kept = np.array([body.to_array() for body in read_bodies(tmp_path / BODIES_FILE)])
@@ -165,11 +166,11 @@ def test_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
 
 
 def test_paper_is_plain_neat_and_cma_the_default() -> None:
-    assert EvolveConfig().plan.rows == 2 + 6 * 50 + 3 * 100 + 590
-    assert EvolveConfig(search="neat").plan.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
+    assert EvolveConfig().choices.rows == 2 + 6 * 50 + 3 * 100 + 590
+    assert EvolveConfig(search="neat").choices.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
     plain = EvolveConfig(search="neat", restarts=1, cma_generations=0, generations=60)
     assert EvolveConfig(paper=True).settings == plain.settings
-    assert EvolveConfig(paper=True).plan.rows == 60
+    assert EvolveConfig(paper=True).choices.rows == 60
 
 
 def test_another_run_in_the_folder_is_refused(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -38,16 +39,16 @@ CC = shutil.which("cc")
 needs_cc = pytest.mark.skipif(CC is None, reason="there is no C compiler, cc")
 
 
-def searched(kind: str, senses: Senses, interval: int = 5) -> Controller:
+def searched(kind: str, senses: Senses, interval: int = 5, plan: BodyPlan = AQUAFISH) -> Controller:
     """Return a random controller of a class that CMA-ES searches."""
-    template = Template.of_class(kind, senses, 6, interval)
+    template = Template.of_class(kind, senses, 6, interval, plan)
     vector = 0.5 * np.random.default_rng(1).standard_normal(template.size)
-    return template.controller(vector, 0.7, BODY, 0)
+    return template.controller(vector, 0.7, Morphology.nominal(plan), 0)
 
 
 def learned(senses: Senses) -> Controller:
     """Return a random controller of the shape that PPO learns."""
-    rng, inputs = np.random.default_rng(2), len(senses.names)
+    rng, inputs = np.random.default_rng(2), len(senses.names())
     shapes = [(64, inputs), (64, 64), (3, 64)]
     layers = [
         (rng.standard_normal(s) / s[1] ** 0.5, 0.1 * rng.standard_normal(s[0])) for s in shapes
@@ -79,7 +80,15 @@ KINDS = {
     "ppo": learned(Senses(fins=True)),
     "ppo_goal": learned(Senses(clock=0, goal=True)),
     "silent": silent(),
+    "four_fins": searched("recurrent", Senses(fins=True), plan=FOUR_FINS),
+    "tail_fish": searched("mlp", Senses(fins=True, goal=True), plan=TAIL_FISH),
 }
+
+
+def middle_and_reach(controller: Controller) -> tuple[np.ndarray, np.ndarray]:
+    """Return the commands of the action 0, and how far those of 1 lie from them, in float32."""
+    low, high = controller.plan.command_low, controller.plan.command_high
+    return ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
 
 
 def build(source: Path, *flags: str) -> subprocess.CompletedProcess[str]:
@@ -289,15 +298,16 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
     controller = KINDS[kind]
     senses = controller.senses
     observations, commands = export.make_vectors(controller, 200)
-    lanes = LaneBatch(Scenario.create(BODY), np.float32)
+    lanes = LaneBatch(Scenario.create(controller.morphology, plan=controller.plan), np.float32)
     program = program_of([controller])
     loop = ClosedLoop(1, len(lanes.plan.fins), lanes.width, np.float32, program.scratch)
-    loop["fins"] = np.array([export.VECTOR_FIN_ANGLES]).T / (2 * np.pi)
-    loop["gain"] = np.array([export.VECTOR_SERVO_GAIN]).T
+    fins = len(controller.plan.fins)
+    loop["fins"] = np.resize(export.VECTOR_FIN_ANGLES, (fins, 1)) / (2 * np.pi)
+    loop["gain"] = np.resize(export.VECTOR_SERVO_GAIN, (fins, 1))
     loop.broken = True
     loop["stuck"] = 1.0  # so that the sensors say what they held before: the observations
     weights = pack_rows(program.weights, np.float32, lanes.width)
-    half = np.float32(0.5)
+    middle, reach = middle_and_reach(controller)
     for observed, expected in zip(observations, commands, strict=True):
         if senses.imu:
             loop["latched"] = observed[:, None]
@@ -305,28 +315,39 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
             program.function, weights, program.layout, controller.interval, controller.interval,
             loop,
         )  # fmt: skip
-        left, right, caudal = loop["action"][:, 0].astype(np.float32)
-        assert (half * left, half * right, half + half * caudal) == tuple(expected)
+        action = loop["action"][:, 0].astype(np.float32)
+        assert (middle + reach * action).tolist() == expected.tolist()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_vectors_are_near_those_of_the_policy_in_double_precision(kind: str) -> None:
     controller = KINDS[kind]
     observations, commands = export.make_vectors(controller, 50)
-    act = controller.policy(export.VECTOR_FIN_ANGLES, export.VECTOR_SERVO_GAIN)
+    fins = len(controller.plan.fins)
+    act = controller.policy(
+        np.resize(export.VECTOR_FIN_ANGLES, fins), np.resize(export.VECTOR_SERVO_GAIN, fins)
+    )
+    middle, reach = middle_and_reach(controller)
     for step, (observed, expected) in enumerate(zip(observations, commands, strict=True)):
         imu = observed if controller.senses.imu else np.concatenate([np.zeros(9), observed])
-        left, right, caudal = act(imu, step * controller.interval * 0.01)
-        found = (0.5 * left, 0.5 * right, 0.5 + 0.5 * caudal)
-        np.testing.assert_allclose(found, expected, atol=1e-3)
+        action = np.asarray(act(imu, step * controller.interval * 0.01))
+        np.testing.assert_allclose(middle + reach * action, expected, atol=1e-3)
 
 
 @needs_cc
-@pytest.mark.parametrize("reactive", [False, True])
+@pytest.mark.parametrize(
+    ("bodies", "reactive"),
+    [
+        (BODIES, False),
+        (BODIES, True),
+        (Morphology.nominal(FOUR_FINS), False),
+        (Morphology.nominal(TAIL_FISH), True),
+    ],
+)
 def test_a_thousand_commands_of_a_model_are_equal_to_the_bit(
-    reactive: bool, tmp_path: Path
+    bodies: Any, reactive: bool, tmp_path: Path
 ) -> None:
-    source, _, table = export_model(BODIES, tmp_path / "fish.c", reactive)
+    source, _, table = export_model(bodies, tmp_path / "fish.c", reactive)
     different = set(table.read_text(encoding="utf-8").splitlines())
     assert len(different) == 1001
     # Without main: neither a function nor a constant is unused.
@@ -343,7 +364,7 @@ def test_a_thousand_commands_of_a_model_are_equal_to_the_bit(
 
 
 def test_the_head_counts_the_operations() -> None:
-    code, head = model_texts(BODY.to_array()[None], "fish")
+    code, head = model_texts(AQUAFISH, BODY.to_array()[None], "fish")
     step = code.partition("void fish_step(")[2].partition("}")[0]
     computed = re.findall(r"const double t\d+ = (fma)?", step)
     assert f"is {len(computed)} operations" in " ".join(head.split(" *"))

@@ -78,8 +78,8 @@ def test_a_dead_servo_is_filmed(
 def test_a_film_begins_where_the_controller_believes_its_fins_to_be(controller_file: Path) -> None:
     """As in an environment, whose agents are given the true angles."""
     senses = Senses(fins=True)
-    weights = np.zeros((3, len(senses.names) + 3))
-    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names)))
+    weights = np.zeros((3, len(senses.names()) + 3))
+    weights[:, :-3] = np.random.default_rng(0).normal(size=(3, len(senses.names())))
     feeling = Controller(
         weights, np.zeros(3), np.ones(3), 0.7, NOMINAL, 0, senses=senses, interval=20
     )

@@ -16,6 +16,7 @@ from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import FOUR_FINS
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses, forward
@@ -33,12 +34,19 @@ CONFIG = LearningConfig(
 )
 
 
-def robots(count: int, senses: Senses, interval: int = 100, seconds: float = 20.0) -> Any:
+def robots(
+    count: int,
+    senses: Senses,
+    interval: int = 100,
+    seconds: float = 20.0,
+    body: Morphology = HALF,
+) -> Any:
     """Return robots whose reward is their speed alone."""
     pytest.importorskip("stable_baselines3")
     env = importlib.import_module("gait.learning.sb3_env").LaneVecEnv
     task = SwimForward(seconds=seconds, ctrl_weight=0.0)
-    return env(count, HALF.to_array()[None], senses, 0.7, interval, task)
+    sizes = body.to_array()[None]
+    return env(count, sizes, senses, 0.7, interval, task, plan=body.plan)
 
 
 def swum(env: Any, stacked: Any, act: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -55,8 +63,12 @@ def answer(controller: Controller, observed: NDArray[np.float32]) -> NDArray[np.
     """Return a controller's actions for several rows of inputs, in plain Python."""
     genes, layout = controller.genes().tolist(), controller.layout().tolist()
     rest = [0.0] * 2 * controller.nodes
-    rows = [forward(genes, layout, row.tolist() + rest, 0, 1, 0.0) for row in observed]
-    return np.array(rows, np.float32)
+    rows = [row.tolist() + rest for row in observed]
+    for row in rows:
+        forward(genes, layout, row, 0, 1, 0.0)
+    last = observed.shape[1] + controller.nodes
+    first = last - len(controller.plan.fins)
+    return np.array([row[first:last] for row in rows], np.float32)
 
 
 def learned(config: LearningConfig) -> tuple[Any, Controller, Controller]:
@@ -86,16 +98,23 @@ def test_exported_controller_acts_and_swims_as_the_policy() -> None:
 
 
 @pytest.mark.parametrize(
-    "senses", [Senses(), Senses(False, 3), Senses(False, 0, True), Senses(True, 2, True)]
+    ("senses", "body"),
+    [
+        (Senses(), HALF),
+        (Senses(False, 3), HALF),
+        (Senses(False, 0, True), HALF),
+        (Senses(True, 2, True), HALF),
+        (Senses(True, 2, True), Morphology.nominal("four-fins")),
+    ],
 )
-def test_robots_observe_a_controllers_inputs(senses: Senses) -> None:
-    template = Template.of_class("mlp", senses, 5)
+def test_robots_observe_a_controllers_inputs(senses: Senses, body: Morphology) -> None:
+    template = Template.of_class("mlp", senses, 5, plan=body.plan)
     vector = template.random(1, np.random.default_rng(2))[0]
-    mlp = template.controller(vector, 0.7, HALF, 0).to_dict()
+    mlp = template.controller(vector, 0.7, body, 0).to_dict()
     controller = Controller.from_dict(mlp | {"interval": 20, "clock": 0.7})
-    env = robots(5, senses, 20, 4.0)
+    env = robots(5, senses, 20, 4.0, body)
     poses, far = swum(env, env, lambda observed: answer(controller, observed))
-    np.testing.assert_allclose(scores([controller], HALF, poses, 4.0)[0], far, atol=1e-5)
+    np.testing.assert_allclose(scores([controller], body, poses, 4.0)[0], far, atol=1e-5)
     assert np.ptp(far) > 1e-2
 
 
@@ -189,6 +208,14 @@ def test_task_is_learned_with_other_damage_in_each_episode() -> None:
     poses = random_poses(32, stream(7, 1))
     earned = scores([found.controller], HALF, poses, task="waypoint", damage="random:severe")
     assert earned.mean() == found.score
+
+
+def test_a_fish_of_another_plan_learns() -> None:
+    pytest.importorskip("stable_baselines3")
+    found = train(config=replace(CONFIG, plan="four-fins", steps=1))
+    assert found.controller.plan == FOUR_FINS
+    poses = random_poses(32, stream(7, 1), FOUR_FINS)
+    assert scores([found.controller], fin_angles=poses).mean() == found.score
 
 
 def test_global_random_generators_are_restored() -> None:

@@ -20,7 +20,7 @@ from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
-from gait.swims.poses import ZERO_POSE, spread_poses, stream
+from gait.swims.poses import spread_poses, stream, zero_pose
 from gait.swims.scores import scores
 from gait_fakes import contents, make_controller
 
@@ -43,7 +43,7 @@ def random_gait(seed: int = 1, goal: bool = False, **changes: Any) -> Controller
 
 def test_first_controller_is_never_made_worse_at_rest() -> None:
     first = make_controller(2, 15)
-    poses = np.vstack([ZERO_POSE, spread_poses(32, stream(SHORT.seed, 1))])
+    poses = np.vstack([zero_pose(), spread_poses(32, stream(SHORT.seed, 1))])
     before = scores([first], HALF, poses, SHORT.seconds).mean()
     found = evolve_gait(HALF, replace(SHORT, generations=9), first=first)
     assert found.history[0].final == pytest.approx(before, abs=1e-12)
@@ -101,7 +101,7 @@ def test_gait_is_evolved_with_known_servo_gains() -> None:
         seconds=4.0, senses=("imu", "clock", "fins"), interval=20, threads=1,
     )  # fmt: skip
     evolved = evolve_gait(HALF, config, world=REVERSED)
-    poses = np.vstack([ZERO_POSE, spread_poses(32, stream(config.seed, 1))])
+    poses = np.vstack([zero_pose(), spread_poses(32, stream(config.seed, 1))])
     known, unknown = (
         scores([evolved.controller], HALF, poses, 4.0, world=REVERSED, believed_gain=gain).mean()
         for gain in (REVERSED.servo_gain, (1.0, 1.0, 1.0))

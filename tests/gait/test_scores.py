@@ -13,14 +13,14 @@ import pytest
 from aquafish_gym import Morphology, simulate
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
-from gait.swims.poses import ZERO_POSE, random_poses, spread_poses, stream
+from gait.swims.poses import golden_ratio, random_poses, spread_poses, stream, zero_pose
 from gait.swims.scores import (
     DIVERGED_SPEED,
     distances,
@@ -165,23 +165,30 @@ def test_gait_is_evolved_for_its_world(tmp_path: Path) -> None:
     config = EvolveConfig(seed=3, generations=2, population=12, poses=1, seconds=1.0, paper=True)
     seized = WorldConfig(servo_gain=(1.0, 0.0, 1.0))
     evolved = evolve_gait(HALF, config, out=tmp_path, world=seized)
-    poses = np.vstack([ZERO_POSE, random_poses(32, stream(3, 1))])
+    poses = np.vstack([zero_pose(), random_poses(32, stream(3, 1))])
     there = distances([evolved.controller], HALF, poses, 1.0, world=seized)
     np.testing.assert_array_equal(evolved.distances, there[0])
     with pytest.raises(InvalidArgumentError, match="world"):
         evolve_gait(HALF, EvolveConfig(task="station"), world=seized)
 
 
-def test_spread_poses_are_uniform_and_their_mean_varies_less() -> None:
+def test_golden_ratios_of_more_dimensions() -> None:
+    # Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018.
+    assert [round(golden_ratio(n), 8) for n in (1, 2)] == [1.61803399, 1.32471796]
+    assert golden_ratio(3) == 1.2207440846057596  # on which committed gaits depend to the bit
+
+
+@pytest.mark.parametrize("plan", [AQUAFISH, FOUR_FINS])
+def test_spread_poses_are_uniform_and_their_mean_varies_less(plan: BodyPlan) -> None:
     """Over many seeds a spread pose is uniform; the mean of a wave over seven is nearer to 0."""
 
     def waves(poses: np.ndarray) -> np.ndarray:
-        angles = poses.reshape(400, 7, 3)
+        angles = poses.reshape(400, 7, len(plan.fins))
         return np.asarray(np.cos(np.concatenate([angles, angles - np.roll(angles, 1, axis=2)], 2)))
 
     seeds = np.random.SeedSequence(1).spawn(400)
-    spread = np.concatenate([spread_poses(7, seed) for seed in seeds])
-    independent = np.concatenate([random_poses(7, seed) for seed in seeds])
+    spread = np.concatenate([spread_poses(7, seed, plan) for seed in seeds])
+    independent = np.concatenate([random_poses(7, seed, plan) for seed in seeds])
     assert np.abs(spread).max() <= np.pi
     for fin in spread.T:
         counts, _ = np.histogram(fin, 8, (-np.pi, np.pi))

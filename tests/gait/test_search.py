@@ -169,7 +169,7 @@ def test_settings_fit_each_other_or_are_refused_in_a_sentence() -> None:
         for values in product(*(OPTIONS[name] for name in two)):
             with contextlib.suppress(InvalidArgumentError):
                 config = EvolveConfig(**{**FEW, **dict(zip(two, values, strict=True))})
-                assert config.plan.rows > 0, (two, values)
+                assert config.choices.rows > 0, (two, values)
                 assert config.settings
 
 

@@ -14,6 +14,7 @@ from strange_values import (
 )
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.world_config import WorldConfig
 from gait import (
     Controller,
@@ -85,7 +86,8 @@ ROWS = [
             "damage": "none", "seed": 0,
         },
         options(
-            controller=CALLABLE, morphology=NO_BODY, interval="none", damage=NO_DAMAGE, **SWUM
+            controller=CALLABLE, morphology=NO_BODY, fin_angles="none", interval="none",
+            damage=NO_DAMAGE, **SWUM,
         ),
     ),
     Call(
@@ -96,7 +98,7 @@ ROWS = [
             "threads": 1, "start": START, "penalize": True,
         },
         options(
-            controllers="empty list", morphologies=NO_BODY, threads="none",
+            controllers="empty list", morphologies=NO_BODY, fin_angles="none", threads="none",
             start="none", damage=NO_DAMAGE, penalize="true", **SWUM,
         ),
     ),
@@ -107,7 +109,7 @@ ROWS = [
             "threads": 1, "world": WorldConfig(),
         },
         options(
-            controllers="empty list", bodies=NO_BODY, threads="none", world="none",
+            controllers="empty list", bodies=NO_BODY, poses="none", threads="none", world="none",
             seconds="fraction",
         ),
     ),
@@ -129,7 +131,7 @@ ROWS = [
         options(agent=CALLABLE, episodes="none"),
     ),
     Call(interquartile_mean, {"runs": [[1.0, 2.0]], "seed": 0}),
-    Call(random_poses, {"count": 1, "seed": 0}),
+    Call(random_poses, {"count": 1, "seed": 0, "plan": AQUAFISH}),
     Call(
         damaged_at_random,
         {"body": BODY, "count": 1, "seed": 0},
@@ -171,7 +173,8 @@ ROWS = [
         EvolveConfig,
         {
             "seed": 0, "search": "cma", "paper": False, "controller": "mlp", "senses": ("clock",),
-            "task": "forward", "interval": 5, "hidden": 3, "harmonics": 1, "restarts": 1,
+            "task": "forward", "plan": AQUAFISH, "interval": 5, "hidden": 3, "harmonics": 1,
+            "restarts": 1,
             "generations": 1, "random_candidates": 9, "cma_generations": None, "population": 10,
             "poses": 1, "clock": 0.7, "seconds": 1.0, "threads": 1,
         },
@@ -184,7 +187,7 @@ ROWS = [
     Call(
         LearningConfig,
         {"steps": 1, "environments": 1, "interval": 20, "senses": ("imu",), "task": "forward",
-         "seed": 0},
+         "plan": AQUAFISH, "seed": 0},
     ),
     Call(
         train,
@@ -209,9 +212,15 @@ ROWS = [
     Call(Controller.from_dict, {"data": CONTROLLER.to_dict()}, words={"data": "controller"}),
     Call(Controller.load, {"path": "controller.json"}, words={"path": "controller"}),
     Call(CONTROLLER.save, {"path": "controller.json"}, options(path="text")),
-    Call(CONTROLLER.policy, {"fin_angles": np.zeros(3), "servo_gain": np.ones(3)}),
     Call(
-        ControllerAgent, {"controller": CONTROLLER, "believed_gain": np.ones(3)}
+        CONTROLLER.policy,
+        {"fin_angles": np.zeros(3), "servo_gain": np.ones(3)},
+        options(fin_angles="none", servo_gain="none"),
+    ),
+    Call(
+        ControllerAgent,
+        {"controller": CONTROLLER, "believed_gain": np.ones(3)},
+        options(believed_gain="none"),
     ),
     Call(export_c, {"controller": CONTROLLER, "path": "fish.c"}, words={"path": "c must"}),
     Call(
@@ -232,7 +241,7 @@ ROWS = [
         dense_network,
         {
             "layers": [(np.zeros((4, 2)), np.zeros(4)), (np.zeros((3, 4)), np.zeros(3))],
-            "mean": np.zeros(2), "scale": np.ones(2),
+            "mean": np.zeros(2), "scale": np.ones(2), "plan": AQUAFISH,
         },
     ),
 ]  # fmt: skip

@@ -215,7 +215,7 @@ def test_a_log_is_nan_from_where_a_robot_diverged(engine: str) -> None:
 def steady() -> Controller:
     """Return a controller that always acts alike."""
     return Controller(
-        weights=np.zeros((3, len(Senses().names) + 3)),
+        weights=np.zeros((3, len(Senses().names()) + 3)),
         bias=np.ones(3),
         response=np.ones(3),
         clock=0.7,
