@@ -214,7 +214,7 @@ def test_infer_says_first_that_no_body_fits_and_last_why(tmp_path, capsys):
     write_log(tmp_path / "swim.csv", spoiled(halved(64, trials=2), **EXCHANGED))
     out = tmp_path / "out"
     words = ["infer", "--log", str(tmp_path / "swim.csv"), "--out", str(out), "--threads", "1"]
-    assert main(words) == 0
+    assert main([*words, "--nuisances"]) == 0
     streams = capsys.readouterr()
     said = streams.out.splitlines()
     assert said[0].startswith("no body explains the log")

@@ -58,7 +58,7 @@ def test_sine_cosine_agrees_with_the_standard_library(turns: float) -> None:
     assert cosine == pytest.approx(math.cos(part), abs=4e-15)
 
 
-@settings(max_examples=150)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32), st.integers(0, 60), st.integers(0, 2**32))
 def test_forward_is_neat_pythons_activate(seed: int, mutations: int, heard: int) -> None:
     config, genome = random_genome(seed, mutations)

@@ -186,7 +186,7 @@ def mobility(
     return np.array(columns).T
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.sampled_from(PLANS) | plans(), st.data())
 def test_the_whole_mass_is_symmetric_positive_and_that_of_virtual_work(
     plan: BodyPlan, data: st.DataObject

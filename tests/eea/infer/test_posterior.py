@@ -59,7 +59,7 @@ def test_intervals_and_ranks_are_those_of_the_truths(looks):
 def test_truths_at_the_edges_are_held_too():
     """A fin of no length: equal tails would never hold it."""
     rng = np.random.default_rng(3)
-    truths = np.column_stack([np.zeros(100), rng.random((100, 3))])
+    truths = np.column_stack([np.zeros(60), rng.random((60, 3))])
     ends = np.array([observe(truth, rng).interval(0.9) for truth in truths])
     found = coverage(truths, ends[:, 0], ends[:, 1])
     assert found.share[0] == np.mean(ends[:, 0, 0] == 0.0)
@@ -107,7 +107,7 @@ def test_angles_are_calibrated_across_the_turn():
     effects = np.array([[4.0, 3.0], [0.0, 5.0]])
     circular = np.array([True, False])
     truths, lows, highs, counted = [], [], [], []
-    for _ in range(150):
+    for _ in range(100):
         truth = np.array([rng.uniform(-np.pi, np.pi), rng.random()])
         felt = effects @ truth + rng.normal(size=2)
         found = fit(effects, felt, np.zeros(2), np.ones(2), circular)

@@ -579,7 +579,7 @@ def test_any_numbers_come_back_from_a_file(robot, trials):
 
 
 @given(some_robots)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_ends_of_a_range_are_exact_in_natural_units(robot):
     parameters = Unknowns.of(replace(robot, hypotheses=()), 1, robot.groups)
     straight = np.flatnonzero(~parameters.circular)
