@@ -37,8 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
 
 from eea.core.angles import Floats
 from eea.core.checks import (
@@ -206,7 +205,7 @@ def judged(window: Regression, cost: float, samples: int, alarm: float) -> Verdi
     angles = len(window.parameters.angle_entries(0))
     freedom = max(window.observed.size - angles, 1)
     ratio = 2.0 * cost / freedom
-    p = float(f.sf(ratio, freedom, samples) if samples else chi2.sf(ratio * freedom, freedom))
+    p = float(fdtrc(freedom, samples, ratio) if samples else chdtrc(freedom, ratio * freedom))
     return Verdict(p, p >= alarm, ratio)
 
 
