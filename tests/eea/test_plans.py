@@ -22,7 +22,6 @@ from eea import (
     estimate_morphology_of,
     infer_changes,
     infer_log,
-    known_body,
     load_posterior,
     read_log,
     save_posterior,
@@ -130,9 +129,20 @@ def test_a_swim_of_another_fish_is_refused(found, plan):
         infer_log(drawn(plan), truth=found.morphology)
 
 
-def test_the_posterior_of_a_plan_of_ones_own_has_all_of_it(tmp_path):
-    save_posterior(tmp_path / "one.npz", known_body(Morphology.nominal(plans.ODD), noise=0.01))
-    assert plan_of(load_posterior(tmp_path / "one.npz").robot) == plans.ODD
+def told(belief, plan):
+    """Return a posterior that says another plan."""
+    first, *others = belief.branches
+    parameters = replace(first.parameters, robot=replace(belief.robot, plan=plan))
+    return replace(belief, branches=(replace(first, parameters=parameters), *others))
+
+
+def test_the_posterior_of_a_plan_of_ones_own_has_all_of_it(found, tmp_path):
+    path = tmp_path / "own.npz"
+    save_posterior(path, told(found.belief, OTHER.to_dict()))
+    assert plan_of(load_posterior(path).robot) == OTHER
+    save_posterior(path, told(found.belief, {"name": "other"}))
+    with pytest.raises(InvalidArgumentError, match=f"posterior: {path}: plan must have hull, fins"):
+        load_posterior(path)
 
 
 def test_out_of_band_inference_finds_which_of_four_fins_is_broken():
