@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.plans import AQUAFISH, PLANS, BodyPlan
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
 
@@ -27,7 +28,8 @@ def held_out(
     ----------
     name
         "severe", "moderate" and "mild" last from the start. With an onset, as "severe@15-30",
-        something breaks then. docs/environments/damage.md has all lists.
+        something breaks then. Those of other fish begin with the plan: "four-fins severe".
+        docs/environments/damage.md has all lists.
     numbers
         Those to return, in this order; all of the list by default.
 
@@ -43,7 +45,8 @@ def held_out(
     >>> len(held_out("severe", range(100)))
     100
     """
-    damages = lists()[one_of("name", name, lists())]
+    known = [one for one in lists() if _plan_of(one) == _plan_of(name)]
+    damages = lists()[one_of("name", name, known)]
     if numbers is None:
         return list(damages.values())
     several = isinstance(numbers, Sequence) and not isinstance(numbers, str | bytes)
@@ -59,6 +62,25 @@ def held_out(
                 f"got {number}"
             )
     return [damages[number] for number in wanted]
+
+
+def recovery_list(plan: BodyPlan) -> str:
+    """Return the name of the list of ten held-out damages of a plan's body.
+
+    InvalidArgumentError where there is none.
+    """
+    name = "recovery" if plan == AQUAFISH else f"{plan.name} recovery"
+    if name not in lists():
+        raise InvalidArgumentError(
+            f"held-out damages are of the plans {', '.join(PLANS)}; got the plan {plan.name}"
+        )
+    return name
+
+
+def _plan_of(name: object) -> str:
+    """Return the plan's name that a list's begins with; empty of the paper's fish."""
+    first = name.partition(" ")[0] if isinstance(name, str) else ""
+    return first if first in PLANS else ""
 
 
 @cache

@@ -81,7 +81,7 @@ class StudyCommand(Given):
     plan: Plan = "aquafish"
     damage: AnyDamage = "none"
     #: Held-out damages in place of --damage, each seed the next: of the list "recovery", or of
-    #: another plan's list "PLAN severe".
+    #: another plan's list "PLAN recovery".
     held_out: FlagCreatePairsOff[bool] = False
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.damage.held_out import held_out
+from aquafish_gym.damage.held_out import held_out, recovery_list
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.scenario import check_row
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
@@ -63,13 +62,12 @@ class StudyWorld:
             )
 
         if self.held_out:
-            held_out(self.held_out_list)  # raises for a plan without one
+            _ = self.held_out_list  # raises for a plan without one
 
     @property
     def held_out_list(self) -> str:
         """The name of the list of held-out damages."""
-        plan = self.morphology.plan
-        return "recovery" if plan == AQUAFISH else f"{plan.name} severe"
+        return recovery_list(self.morphology.plan)
 
     def damage_of(self, seed: int) -> Damage:
         """Return the damage of the target of a seed."""
