@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markdown import Markdown
 from tyro.conf import arg
 
+from aquafish.online.gaits import PACKAGED
 from aquafish.recovery.report import (
     HELD_OUT,
     Outcomes,
@@ -20,15 +21,17 @@ from aquafish.recovery.report import (
     to_markdown,
 )
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up_treatments
-from aquafish_gym import Damage, held_out
-from aquafish_gym.bodies import write_bodies
+from aquafish_gym import BodyPlan, Damage, Morphology
+from aquafish_gym.bodies import body_document, plan_key, write_bodies
+from aquafish_gym.damage.held_out import held_out, recovery_list
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.runs.command_line import (
-    BodyDamage,
     BodyFile,
+    FirstFinDamage,
     Given,
     Out,
+    Plan,
     TargetEngine,
     read_morphology,
 )
@@ -58,7 +61,8 @@ ELSEWHERE = ("out", "workers", "scheduler", "redraw")  # options that the result
 class CaseStudy(Given):
     """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
-    Eleven treatments differ in the body that the gait is evolved for and in the search. DIR holds
+    Eleven treatments differ in the body that the gait is evolved for and in the search; to swim on
+    takes a library of gaits, which not every plan has. DIR holds
     report.html, report.md, report.json, figures, a film, and for each treatment of each replicate
     its outcome.json, morphology.json and controller.json (bodies.json with joint inference). The
     same command resumes.
@@ -66,12 +70,13 @@ class CaseStudy(Given):
 
     example: ClassVar[str] = "--damage left_pectoral:length=0.5 --replicates 3 --out out/recovery"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "damage", "held_out", "morphology", "seed", "replicates", "gyro_noise",
+        "out", "plan", "damage", "held_out", "morphology", "seed", "replicates", "gyro_noise",
         "target_engine", "workers", "redraw",
     )  # fmt: skip
 
     out: Out = Path("out/recovery")
-    damage: BodyDamage = "left_pectoral:length=0.5"
+    plan: Plan = "aquafish"
+    damage: FirstFinDamage = None
     held_out: bool = False
     """Give each replicate one of the ten held-out damages instead of --damage."""
     morphology: BodyFile = None
@@ -157,16 +162,18 @@ class CaseStudy(Given):
         check_workers(self.workers, self.scheduler)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
-        body = read_morphology(self.morphology, "morphology")
-        damages = [Damage.parse(self.damage)]
-        damages[0].apply(body)
+        body = read_morphology(self.morphology, "morphology", self.plan)
         if self.held_out:
-            damages = [Damage.parse(text) for text in held_out("recovery")]
+            damages = [Damage.parse(text) for text in held_out(recovery_list(body.plan))]
             integer("replicates with --held-out", self.replicates, 1, len(damages))
+        else:
+            text = f"{body.plan.names[0]}:length=0.5" if self.damage is None else self.damage
+            damages = [Damage.parse(text)]
+            damages[0].apply(body)
         finite_array("gyro_noise", self.gyro_noise, (), 0.0, MAXIMUM_SPIN, "rad/s")
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
-        eea, gaits = self._eea(), self._gaits()
+        eea, gaits = self._eea(), self._gaits(body.plan)
         integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
         joint = JointConfig(steps=self.steps, rounds=self.joint_rounds)
         longest_first = sorted(TREATMENTS.items(), key=lambda one: one[1].model != "out-of-band")
@@ -183,6 +190,7 @@ class CaseStudy(Given):
             )
             for seed in range(self.seed, self.seed + self.replicates)
             for name, spec in longest_first
+            if not spec.online or body.plan in PACKAGED  # to swim on takes a library of gaits
         ]
 
     def _eea(self) -> PaperConfig:
@@ -192,9 +200,11 @@ class CaseStudy(Given):
         estimation = replace(eea.estimation, population=self.models)
         return replace(eea, condition="out-of-band", estimation=estimation, out_of_band=out_of_band)
 
-    def _gaits(self) -> dict[str, EvolveConfig]:
+    def _gaits(self, plan: BodyPlan) -> dict[str, EvolveConfig]:
         """Return each search: the paper's NEAT, CMA-ES, with known fins, and on the robot."""
-        common: dict[str, Any] = {"seconds": self.seconds, "threads": 1, "poses": self.gait_poses}
+        common: dict[str, Any] = {
+            "seconds": self.seconds, "threads": 1, "poses": self.gait_poses, "plan": plan,
+        }  # fmt: skip
         best = EvolveConfig(
             search="cma",
             generations=self.search_generations,
@@ -242,9 +252,11 @@ class CaseStudy(Given):
         write_bytes(folder / PAGE, page.encode())
         for job in jobs:
             outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
-            write_document(folder / job.folder / "morphology.json", outcome["morphology"])
+            body = Morphology.coerce(outcome["morphology"], job.morphology.plan)
+            write_document(folder / job.folder / "morphology.json", body_document(body))
             if "bodies" in outcome:
-                write_bodies(folder / job.folder / "bodies.json", outcome["bodies"])
+                plan = job.morphology.plan
+                write_bodies(folder / job.folder / "bodies.json", outcome["bodies"], plan)
             controller = Controller.from_dict(outcome["controller"])
             controller.save(folder / job.folder / "controller.json")
         console = Console()
@@ -281,7 +293,8 @@ def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
 
     Raises InvalidArgumentError if one is missing or damaged.
     """
-    outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
+    treated = {job.treatment for job in jobs}
+    outcomes: dict[str, list[dict[str, Any]]] = {n: [] for n in TREATMENTS if n in treated}
     for job in jobs:
         outcome = read_result(folder, job)
         if outcome is None:
@@ -306,6 +319,7 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     several = len({one.damage for one in jobs}) > 1
     return {
         "damage": HELD_OUT if several else str(job.damage),
+        **plan_key(job.morphology.plan),
         "morphology": job.morphology.to_dict(),
         "first_seed": job.seed,
         "gyro_noise": job.gyro_noise,

@@ -14,7 +14,6 @@ from aquafish.recovery.page import shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Morphology
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -88,17 +87,17 @@ def draw_all(
 def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     """Draw the target and each treatment's body (Fig. 11); the broken fins have another colour."""
     shown = shown_replicate(outcomes)
+    plan = job.morphology.plan
     bodies = {"target": job.target} | {
-        t: Morphology.coerce(outcomes[t][shown]["morphology"])
+        t: Morphology.coerce(outcomes[t][shown]["morphology"], plan)
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    broken = [
-        fin for fin in AQUAFISH.names if getattr(job.morphology, fin) != getattr(job.target, fin)
-    ]
+    broken = [fin for fin in plan.names if getattr(job.morphology, fin) != getattr(job.target, fin)]
     figure = new_figure(2.63 * len(bodies), 3.1, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
-        axes.imshow(render_pose(body, REST_POSE, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
+        straight = np.zeros(len(plan.fins))
+        axes.imshow(render_pose(body, REST_POSE, straight, 520, 520, BODY_CAMERA, marked))
         axes.set_title(f"the damaged robot\n{_mark(job.target, broken)}")
         if name != "target":
             fit = outcomes[name][shown]["objective_fitness"]
@@ -118,19 +117,23 @@ def _mark(body: Morphology, broken: Sequence[str]) -> str:
 def sizes_figure(job: Treatment, outcomes: Outcomes, width: float = WIDE) -> Figure:
     """Draw the sizes of the damaged robot and of each self-model, with posterior intervals."""
     shown = shown_replicate(outcomes)
+    plan = job.morphology.plan
     whole, true = job.morphology.to_array(), job.target.to_array()
     joint = outcomes["joint"][shown]
-    middle = Morphology.coerce(joint["morphology"]).to_array() / whole
-    paper = Morphology.coerce(outcomes["out-of-band"][shown]["morphology"]).to_array() / whole
+    middle = Morphology.coerce(joint["morphology"], plan).to_array() / whole
+    inferred = outcomes["out-of-band"][shown]["morphology"]
+    paper = Morphology.coerce(inferred, plan).to_array() / whole
     rows = -np.arange(len(whole))
-    figure = new_figure(width, 3.8, DPI)
+    figure = new_figure(width, 1.1 + 0.3 * len(rows), DPI)
     axes = figure.add_subplot()
     for row in rows[true != whole]:
         axes.axhspan(row - 0.5, row + 0.5, color="#facc15", alpha=0.3, lw=0)
     axes.axvline(100, color="0.8", lw=0.8, zorder=0)
     columns = [middle]
     if interval := joint["interval"]:
-        ends = [Morphology.coerce(interval[end]).to_array() / whole for end in ("low", "high")]
+        ends = [
+            Morphology.coerce(interval[end], plan).to_array() / whole for end in ("low", "high")
+        ]
         low, high = np.minimum(ends[0], middle), np.maximum(ends[1], middle)
         mass = f"{interval['mass']:.0%} interval of {TREATMENT_LABELS['joint']}"
         axes.hlines(rows, 100 * low, 100 * high, COLOURS["joint"], lw=8, alpha=0.4, label=mass)
@@ -141,7 +144,7 @@ def sizes_figure(job: Treatment, outcomes: Outcomes, width: float = WIDE) -> Fig
         100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=TREATMENT_LABELS["out-of-band"]
     )
     axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
-    axes.set_yticks(rows, [f"{AQUAFISH.words[d.fin]} {d.size}" for d in AQUAFISH.dimensions])
+    axes.set_yticks(rows, [f"{plan.words[d.fin]} {d.size}" for d in plan.dimensions])
     for row, values in zip(rows, 100 * np.column_stack(columns), strict=True):
         text = ("{:.0f}% [{:.0f}, {:.0f}]" if len(values) > 1 else "{:.0f}%").format(*values)
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")
@@ -193,7 +196,7 @@ def treatment_fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
         (chance_level, "--", "random body"),
         (mid_range_level, ":", "mid-range body"),
     ):
-        height = level(target.to_array(), fish_problem().models)
+        height = level(target.to_array(), fish_problem(target.plan).models)
         panels[0].axhline(height, color="0.4", ls=line, lw=1, label=label)
     panels[0].set_ylim(0.4, 1.01)
     panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)
@@ -209,8 +212,8 @@ def distances_figure(outcomes: Outcomes, width: float = WIDE) -> Figure:
     count = len(outcomes["oracle"])
     figure = new_figure(width, 5.2, DPI)
     axes = figure.add_subplot()
-    places = -np.arange(len(TREATMENTS))
-    for place, name in zip(places, TREATMENTS, strict=True):
+    places = -np.arange(len(outcomes))
+    for place, name in zip(places, outcomes, strict=True):
         colour = COLOURS[name]
         swims = CM_PER_UNIT * np.array([o["target_random_distances"] for o in outcomes[name]])
         zero = CM_PER_UNIT * np.mean([o["target_distance"] for o in outcomes[name]])
@@ -230,7 +233,7 @@ def distances_figure(outcomes: Outcomes, width: float = WIDE) -> Figure:
     _legend_above(figure)
     axes.axvline(0, color="0.6", lw=0.8)
     axes.grid(axis="x", color="0.92")
-    axes.set_yticks(places, list(TREATMENT_LABELS.values()))
+    axes.set_yticks(places, [TREATMENT_LABELS[name] for name in outcomes])
     several = "replicates" if count > 1 else "replicate"
     figure.supxlabel(f"distance forward on the damaged robot, cm; {count} {several}", size="medium")
     return figure

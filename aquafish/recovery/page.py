@@ -14,7 +14,6 @@ import numpy as np
 from aquafish.recovery.report import Outcomes, headline, shown_replicate
 from aquafish.recovery.treatment import TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.rendering.course import TRAILS, FilmedSwim
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -157,16 +156,18 @@ def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
 
 def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, str]:
     """Return the estimates of the sizes that changed, in words, and how many intervals hold."""
-    interval, middle = outcome["interval"], Morphology.coerce(outcome["morphology"]).to_array()
+    plan = job.morphology.plan
+    interval = outcome["interval"]
+    middle = Morphology.coerce(outcome["morphology"], plan).to_array()
     whole, true = job.morphology.to_array(), job.target.to_array()
     estimates = [
-        f"the {d.size} of the {AQUAFISH.words[d.fin]} at {middle[i] / whole[i]:.0%} of what it was"
-        for i, d in enumerate(AQUAFISH.dimensions)
+        f"the {d.size} of the {plan.words[d.fin]} at {middle[i] / whole[i]:.0%} of what it was"
+        for i, d in enumerate(plan.dimensions)
         if true[i] != whole[i]
     ]
     if interval is None:
         return ", ".join(estimates), (f"Joint inference gives no intervals: {outcome['verdict']}.")
-    ends = (Morphology.coerce(interval[end]).to_array() for end in ("low", "high"))
+    ends = (Morphology.coerce(interval[end], plan).to_array() for end in ("low", "high"))
     low, high = next(ends), next(ends)
     low, high = np.minimum(low, middle), np.maximum(high, middle)
     changed = [i for i in range(len(whole)) if true[i] != whole[i]]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.treatment import MODEL_CONDITIONS, TREATMENTS
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, check_plan
 from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.runs.markdown import markdown_table
 from eea.study.statistics import (
@@ -175,12 +175,13 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     config = report["config"]
     seeds = report["seeds"]
     swims = report["config"]["transfer"]
+    plan = check_plan(config.get("plan", AQUAFISH))
     several = "s" if len(seeds) > 1 else ""
     parts = [
         "# Damage recovery",
         f"{_damage_line(report)} Each row has another gait, which swam for "
         f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). The robot is "
-        f"{CM_PER_UNIT * AQUAFISH.hull.length:g} cm long.",
+        f"{CM_PER_UNIT * plan.hull.length:g} cm long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST_VALUES else ''}. "
         f"Trials on the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise "

@@ -41,11 +41,12 @@ def swim_on(
         would swim on the self-model from the last state in ``config.seconds``, and how far the
         robot swam after the damage; NaN if it diverged.
     """
+    plan = morphology.plan
     faults = [replace(fault, onset=ONSET_SECONDS) for fault in damage]
     faults += [Fault("gyro", "noise", noise)] if noise else []
     end = ONSET_SECONDS + config.seconds
     task = SwimForward(seconds=0.2 * math.ceil(end / 0.2 - 1e-9))
-    env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task)
+    env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task, plan=plan)
     settings = AgentConfig(
         end,
         gyro_noise=noise,
@@ -60,9 +61,10 @@ def swim_on(
     gaits = []
     native = []
     target = []
-    for pose in (np.zeros(3), *random_poses(config.poses, config.seed)):
+    robot = Scenario.create(morphology, plan=plan)
+    for pose in (np.zeros(len(plan.fins)), *random_poses(config.poses, config.seed, plan)):
         # Without teachers: the case study compares and exports controllers.
-        agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology), teachers=())
+        agent = SelfModelAgent(config=settings, robot=robot, teachers=())
         observation, _ = env.reset(options={"fin_angles": pose})
         agent.begin(pose)
         steps = list(transitions(env, agent.act, observation))
@@ -75,4 +77,4 @@ def swim_on(
         bodies.append(model.robot.body[0])
         gaits.append(gait)
     env.close()
-    return Morphology.from_array(bodies[0]), gaits[0], np.array(native), np.array(target)
+    return Morphology.from_array(bodies[0], plan), gaits[0], np.array(native), np.array(target)

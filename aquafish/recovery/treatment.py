@@ -209,7 +209,8 @@ def _outcome(
     job: Treatment, model: AssumedRobot, controller: Controller, native: Floats, target: Floats
 ) -> dict[str, Any]:
     """Return an outcome's common part; distances (1 + poses,) from the zero pose and others."""
-    fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_problem().models)
+    models = fish_problem(job.morphology.plan).models
+    fitness = objective_fitness(model.body.to_array(), job.target.to_array(), models)
     return {
         "treatment": job.treatment,
         "seed": job.seed,
@@ -249,29 +250,35 @@ def _model(job: Treatment) -> AssumedRobot:
         for record in method
     ]
     result = method.result
-    body = Morphology.from_array(result.body)
+    plan = job.morphology.plan
+    body = Morphology.from_array(result.body, plan)
     if result.belief is None:
         return AssumedRobot(body, [body], rounds)
-    bodies = [Morphology.from_array(sizes) for sizes in result.sample(EVOLVED_BODIES, job.seed)]
-    posterior, fins = _posterior(result, body.to_array(), target.start_angles, config.steps)
+    bodies = [
+        Morphology.from_array(sizes, plan) for sizes in result.sample(EVOLVED_BODIES, job.seed)
+    ]
+    posterior, fins = _posterior(result, body, target.start_angles, config.steps)
     posterior["bodies"] = [one.to_dict() for one in bodies]
     return AssumedRobot(body, bodies, rounds, posterior, fins)
 
 
 def _posterior(
-    result: Result, body: Floats, start_angles: Floats, steps: int
+    result: Result, body: Morphology, start_angles: Floats, steps: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what an outcome holds of joint inference, and the fin state for the transfer.
 
-    Intervals hold the ``body`` (9,); there are none where no body explains the trials.
-    The true initial angles (3,) only serve to measure the error of the estimated ones.
+    Intervals hold the sizes of the ``body``; there are none where no body explains the trials.
+    The true initial angles (F,) only serve to measure the error of the estimated ones.
     """
     assert result.belief is not None
     interval = None
     if result.belief.good:
         low, high = result.interval(OUTCOME_MASS)
-        ends = {"low": np.minimum(low, body), "high": np.maximum(high, body)}
-        bodies = {name: Morphology.from_array(end).to_dict() for name, end in ends.items()}
+        sizes = body.to_array()
+        ends = {"low": np.minimum(low, sizes), "high": np.maximum(high, sizes)}
+        bodies = {
+            name: Morphology.from_array(end, body.plan).to_dict() for name, end in ends.items()
+        }
         interval = {"mass": OUTCOME_MASS, **bodies}
     fins, turned = fins_after(result), np.array(result.rounds[-1].command) * steps * TIMESTEP
     error = wrap(fins.angles - start_angles - TAU * turned)
@@ -295,7 +302,8 @@ def warm_up_treatments(jobs: Sequence[Treatment]) -> None:
     small = replace(job, transfer=replace(job.transfer, poses=1, seconds=0.1))
     steps = job.eea.steps
     few: dict[str, Any] = {
-        "generations": 1, "population": 10, "poses": 1, "seconds": 0.1, "threads": 1,
+        "plan": job.morphology.plan, "generations": 1, "population": 10, "poses": 1,
+        "seconds": 0.1, "threads": 1,
     }  # fmt: skip
     neat = EvolveConfig(paper=True, **few)
     senses: Any = ("imu", "clock", "fins")

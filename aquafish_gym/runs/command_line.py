@@ -76,7 +76,8 @@ RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.
 _FIN_DAMAGE = (
-    f'FIN:{forms_of(BODY_WORDS)}, joined by ";", or none. FIN is {", ".join(AQUAFISH.names)}.'
+    f'FIN:{forms_of(BODY_WORDS)}, joined by ";", or none. FIN is {", ".join(AQUAFISH.names)}, or '
+    "a fin of --plan."
 )
 _ANY_DAMAGE = (
     f"{_FIN_DAMAGE} Or FIN:{forms_of(SERVO_WORDS)}, of its servo; gyro:{forms_of(NOISE_WORDS)}; "
@@ -99,12 +100,11 @@ BodiesFile = Annotated[
     Path | None,
     arg(metavar="FILE", help=f"bodies.json of a sample of bodies, or JSON file of one: {_BODY}"),
 ]
-BodyDamage = Annotated[
-    str,
-    arg(
-        metavar="DAMAGE",
-        help=f"Damage of the body: {_FIN_DAMAGE} Faults of servos and sensors are refused.",
-    ),
+_BODY_DAMAGE = f"Damage of the body: {_FIN_DAMAGE} Faults of servos and sensors are refused."
+BodyDamage = Annotated[str, arg(metavar="DAMAGE", help=_BODY_DAMAGE)]
+FirstFinDamage = Annotated[
+    str | None,
+    arg(metavar="DAMAGE", help=f"{_BODY_DAMAGE} Without it, the first fin has half its length."),
 ]
 TargetMorphology = Annotated[
     Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")

@@ -25,18 +25,23 @@ from aquafish.cli import main
 from aquafish.online import thresholds
 from aquafish.online.gaits import load_library
 from aquafish.recovery import figures
+from aquafish.recovery.command import CaseStudy
 from aquafish.recovery.page import report_page
 from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS
+from aquafish_gym import held_out
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.plans import check_plan
 from aquafish_gym.rendering import film
 from aquafish_gym.runs.command_line import read_morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from tests.browser import browser
 from tests.golden import SMALL_STUDY as SMALL
 from tests.golden import digest, kept
 from tests.in_process import jobs_in_process
 from tests.pictures import is_drawn
+from tests.plans import ODD
 
 PICTURES = ["bodies", "sizes", "paths", "fitness", "distances"]
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
@@ -314,3 +319,39 @@ def wait_for_outcomes(process: subprocess.Popen[str], out: Path, count: int) -> 
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def test_a_plan_has_its_own_damage_and_held_out_ones() -> None:
+    jobs = CaseStudy(plan="tail-fish").treatments()
+    assert {str(job.damage) for job in jobs} == {"tail:length=0.5"}
+    assert {check_plan(job.gait.plan).name for job in jobs} == {"tail-fish"}
+    jobs = CaseStudy(plan="four-fins", held_out=True, replicates=2).treatments()
+    assert {str(job.damage) for job in jobs} == set(held_out("four-fins recovery", [0, 1]))
+    treatments = {job.treatment for job in CaseStudy(plan=ODD.to_dict()).treatments()}  # type: ignore[arg-type]
+    assert treatments == TREATMENTS.keys() - {"swims-on"}  # without a library of gaits
+    with pytest.raises(InvalidArgumentError, match="damage part must be one of fore_left"):
+        CaseStudy(plan="four-fins", damage="caudal:missing").treatments()
+
+
+@pytest.mark.slow
+def test_a_robot_of_any_plan_recovers(tmp_path: Path) -> None:
+    """All that is written names its plan, and the report is drawn and read again."""
+    plan = tmp_path / "odd.json"
+    plan.write_text(ODD.to_json())
+    out = tmp_path / "odd"
+    with jobs_in_process():
+        done = recover(out, *SMALL, "--plan", str(plan), "--damage", "keel:length=0.5")
+    assert done.returncode == 0, done.stderr
+    folder = out / "seed-000" / "joint"
+    assert read_bodies(folder / "morphology.json")[0].plan == ODD
+    assert {body.plan for body in read_bodies(folder / "bodies.json")} == {ODD}
+    assert Controller.load(folder / "controller.json").plan == ODD
+    report = (out / "report.md").read_text()
+    assert "Damage: `keel:length=0.5`" in report
+    assert "The robot is 15 cm long" in report
+    assert is_drawn(out / "bodies.png")
+    before = results(out)
+    with jobs_in_process():
+        again = recover(out, *SMALL, "--plan", str(plan), "--damage", "keel:length=0.5")
+    assert again.returncode == 0
+    assert results(out) == before
