@@ -376,6 +376,15 @@ RESULTS: dict[str, Result] = {
         "--replicates 1 --episodes 2 --budget-divisor 1000",
         needs=("stable_baselines3",),
     ),
+    "scores-fish": Result(
+        commands=("python -m experiments.scores --tasks four-fins tail-fish",),
+        files=_files("docs/results/fish", "table.md", "times.md"),
+        golden=("FourFins-v0 numba", "TailFish-v0 numba", "drawn damage"),
+        cpu_minutes=120,
+        smallest="--tasks four-fins --entries CPG CMA-ES --replicates 1 --episodes 2 "
+        "--budget-divisor 1000",
+        needs=("stable_baselines3",),
+    ),
     "scores-return": Result(
         commands=(
             "python -m experiments.scores --tasks forward --replicates 1 --controllers "

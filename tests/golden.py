@@ -72,7 +72,7 @@ def environment(name: str, options: dict[str, Any], batched: bool = False) -> An
     rng = np.random.default_rng(1)
     rows = [[found, info["fin_angles"]]]
     for _ in range(150 if name == "AquaFishRecovery-v0" else 80):
-        action = rng.uniform(-1, 1, (3, 3) if batched else 3).astype(np.float32)
+        action = rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
         found, reward, terminated, truncated, info = env.step(action)
         numbers = {key: each for key, each in info.items() if not key.startswith("_")}
         rows.append([found, reward, terminated, truncated, numbers])
@@ -322,7 +322,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
         f"{name} {engine}": partial(environment, name, {"engine": engine})
         for name in (
             "AquaFish-v0", "AquaFishStation-v0", "AquaFishWaypoint-v0", "AquaFishRecovery-v0",
-            "AquaFishReturn-v0",
+            "AquaFishReturn-v0", "FourFins-v0", "TailFish-v0",
         )
         for engine in ("numba", "pybullet")
     },

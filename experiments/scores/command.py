@@ -24,33 +24,29 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from aquafish_gym import IDS
 from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.plans import AQUAFISH, check_plan
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.runs.command_line import Out
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
-from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, RECOVERY, RETURN, oracle
-from experiments.scores.episodes import COLUMNS, play
+from experiments.scores.entries import ENTRIES, ORACLE_CONFIG, oracle
+from experiments.scores.episodes import COLUMNS, IDS_OF, RECOVERY, RETURN, MadeFor, play
 from experiments.scores.figures import curves_figure, scores_figure
 from experiments.tables import experiment, interval_text, write_tables
 from gait.controllers.controller import Controller
 from gait.learning.train import LearningConfig, load_extra
 from gait.swims.evaluation import EPISODES, Interval, interquartile_mean, success_rate
 
-# A task that controllers are made for, and the ids that they then play.
-MadeFor = Literal["forward", "station", "waypoint"]
-IDS_OF: dict[MadeFor, tuple[str, ...]] = {
-    "forward": ("AquaFish-v0", RECOVERY, RETURN),
-    "station": ("AquaFishStation-v0",),
-    "waypoint": ("AquaFishWaypoint-v0",),
-}
+TASKS_OF_AQUAFISH: tuple[MadeFor, ...] = ("forward", "station", "waypoint")
 ORACLE = "oracle"
 ORACLE_EPISODES = 20  # the first ones of those that all others play
 FIRST_SEED = 100  # of the replicates: everything was tried and tuned on lower ones
@@ -122,7 +118,8 @@ def score(job: Job | OracleJob) -> dict[str, Any]:
     else:
         controller, curve = entry.make(job.task, job.seed, job.divisor)
         seconds = time.process_time() - began
-    agent = entry.fixed() if controller is None else controller
+    plan = check_plan(IDS[IDS_OF[job.task][0]].get("plan", AQUAFISH))
+    agent = entry.fixed(plan) if controller is None else controller
     return {
         "seconds": seconds,
         "curve": curve,
@@ -153,9 +150,9 @@ class Scores:
     entries: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ROWS)}.")
     ] = ROWS
-    tasks: tuple[MadeFor, ...] = tuple(IDS_OF)
-    """Tasks that controllers are made for; those made for "forward" also play the recovery and the
-    return."""
+    tasks: tuple[MadeFor, ...] = TASKS_OF_AQUAFISH
+    """Tasks, or other fish that swim forward, that controllers are made for; those made for
+    "forward" also play the recovery and the return."""
     replicates: int = 5
     """Replicates of what is evolved or learned, with seeds from 100 upwards."""
     episodes: int = EPISODES

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym import IDS
 from aquafish_gym.bodies import MorphologiesLike
 from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.world_config import WorldConfig
-from experiments.scores.episodes import swim_to_onset
+from experiments.scores.episodes import IDS_OF, RECOVERY, MadeFor, swim_to_onset
 from experiments.tables import shortened
 from gait.controllers.agents import Agent
 from gait.controllers.controller import Controller
@@ -26,15 +28,18 @@ from gait.search.evolve import Evolved, evolve_gait
 Curve = Sequence[tuple[int, float]]
 INTERVAL = 20  # steps of 0.01 s that an action is held for: the environments' frame_skip
 SECONDS = 0.01 * INTERVAL
-RECOVERY = "AquaFishRecovery-v0"
-RETURN = "AquaFishReturn-v0"
 
 
 @dataclass
 class Script:
-    """An agent that depends on the time alone: ``shape`` times a square wave of ``hertz``."""
+    """An agent that depends on the time alone: actions of a plan times a square wave of ``hertz``.
 
-    shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ``turning`` is the action of the fins that turn, ``sweeping`` of those that sweep.
+    """
+
+    plan: BodyPlan
+    turning: float = 0.0
+    sweeping: float = 0.0
     hertz: float = 0.0
     steps: int = 0
 
@@ -47,11 +52,15 @@ class Script:
         time = self.steps * SECONDS
         self.steps += 1
         sign = 1.0 if (time * self.hertz) % 1.0 < 0.5 else -1.0
-        return np.tile(sign * np.asarray(self.shape, np.float32), (len(observations), 1))
+        shape = [self.turning if fin.turns else self.sweeping for fin in self.plan.fins]
+        return np.tile(sign * np.asarray(shape, np.float32), (len(observations), 1))
 
 
+@dataclass
 class Uniform:
     """An agent whose actions are uniformly random."""
+
+    plan: BodyPlan
 
     def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
         """Draw the same actions in every batch of episodes."""
@@ -59,7 +68,8 @@ class Uniform:
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """See ``Agent``."""
-        return self._rng.uniform(-1.0, 1.0, (len(observations), 3)).astype(np.float32)
+        shape = len(observations), len(self.plan.fins)
+        return self._rng.uniform(-1.0, 1.0, shape).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -75,26 +85,32 @@ class Entry:
     damage
         What breaks while it learns.
     fixed
-        Makes the agent, where nothing is evolved or learned.
+        Makes the agent of a plan, where nothing is evolved or learned.
     """
 
     observes: str
     config: EvolveConfig | LearningConfig | None = None
     damage: str = "none"
-    fixed: Callable[[], Agent] = Script
+    fixed: Callable[[BodyPlan], Agent] = Script
 
-    def make(self, task: TaskName, seed: int, divisor: int) -> tuple[Controller | None, Curve]:
-        """Return a controller for a task and its learning curve, at 1/``divisor`` of the cost."""
+    def make(self, made_for: MadeFor, seed: int, divisor: int) -> tuple[Controller | None, Curve]:
+        """Return a controller and its learning curve, at 1/``divisor`` of the cost."""
+        given = IDS[IDS_OF[made_for][0]]
+        task: TaskName = given.get("task", "forward")
+        plan, reactive = given.get("plan", "aquafish"), given.get("reactive", False)
         match self.config:
             case LearningConfig() as config:
                 few = max(1, config.steps // divisor)
-                config = replace(config, task=task, seed=seed, steps=few)
+                config = replace(
+                    config, task=task, seed=seed, steps=few, plan=plan, reactive=reactive
+                )
                 found = train(None, config, damage=self.damage)
                 return found.controller, [(point.steps, point.training) for point in found.curve]
             case EvolveConfig() as config:
                 # As many simulated seconds for a task whose episodes are longer.
                 divisor *= round(TASKS[task].seconds / TASKS["forward"].seconds)
-                evolved = evolve(replace(config, task=task, seed=seed), divisor)
+                config = replace(config, task=task, seed=seed, plan=plan)
+                evolved = evolve(config, divisor, world=WorldConfig(reactive=reactive))
                 return evolved.controller, [(r.generation + 1, r.final) for r in evolved.history]
         return None, ()
 
@@ -115,10 +131,10 @@ ORACLE_CONFIG = EvolveConfig(search="cma", senses=_FINS, **_FEW)
 REFINEMENT = 400  # generations of the oracle's gait from the state at the onset
 ENTRIES: dict[str, Entry] = {
     "zero": Entry("nothing"),
-    "still": Entry("nothing", fixed=partial(Script, (0.0, 0.0, -1.0))),
+    "still": Entry("nothing", fixed=partial(Script, sweeping=-1.0)),
     "random": Entry("nothing", fixed=Uniform),
-    "bang-bang": Entry("the time", fixed=partial(Script, (1.0, 1.0, 1.0), 0.5)),
-    "tail only": Entry("nothing", fixed=partial(Script, (0.0, 0.0, 1.0))),
+    "bang-bang": Entry("the time", fixed=partial(Script, turning=1.0, sweeping=1.0, hertz=0.5)),
+    "tail only": Entry("nothing", fixed=partial(Script, sweeping=1.0)),
     "CPG": Entry(
         "the time", EvolveConfig(controller="linear", senses=("clock",), harmonics=3, **_FEW)
     ),

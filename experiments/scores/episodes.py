@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,18 @@ from gait.controllers.agents import ControllerAgent
 from gait.swims.episode import transitions
 from gait.swims.evaluation import EPISODES, FIRST_SEED, Evaluation
 
+RECOVERY = "AquaFishRecovery-v0"
+RETURN = "AquaFishReturn-v0"
+# What controllers are made for, a task or another fish, and the ids that they then play. They are
+# made in the first.
+MadeFor = Literal["forward", "station", "waypoint", "four-fins", "tail-fish"]
+IDS_OF: dict[MadeFor, tuple[str, ...]] = {
+    "forward": ("AquaFish-v0", RECOVERY, RETURN),
+    "station": ("AquaFishStation-v0",),
+    "waypoint": ("AquaFishWaypoint-v0",),
+    "four-fins": ("FourFins-v0",),
+    "tail-fish": ("TailFish-v0",),
+}
 WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)
 
@@ -29,6 +41,7 @@ def damages_of(name: str, column: str, numbers: Sequence[int]) -> list[str]:
     onset = IDS[name].get("damage", "").partition("@")[2]
     task = IDS[name].get("task", "")
     own = f"{task} " if task not in ("", "recovery") else ""  # which draws more than fin angles
+    own = f"{IDS[name]['plan']} " if "plan" in IDS[name] else own
     return held_out(f"{own}{column}" + (f"@{onset}" if onset else ""), numbers)
 
 

@@ -326,6 +326,7 @@ class LaneVecEnv(SB3VecEnv):
         task: object = "forward",
         damage: object = None,
         plan: BodyPlan = AQUAFISH,
+        reactive: bool = False,
     ) -> None:
         fins = np.zeros((count, len(plan.fins)))
         self._inputs = NetworkInputs(senses, clock, interval, fins, plan)
@@ -333,6 +334,7 @@ class LaneVecEnv(SB3VecEnv):
             count,
             bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, bodies.shape[1])),
             plan=plan,
+            reactive=reactive,
             damage=damage,
             fin_angles="random",
             frame_skip=interval,

@@ -29,11 +29,13 @@ from aquafish_gym.utils.validation import (
     brief,
     callback,
     finite_array,
+    flag,
     install_advice,
     instance,
     integer,
     one_of,
 )
+from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import MAXIMUM_SEED, Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
@@ -74,10 +76,13 @@ class LearningConfig:
     """Swim forward, or another task of the environments."""
     plan: AnyPlan = "aquafish"
     """The robots' body plan: its name, or a JSON file; in Python also a BodyPlan."""
+    reactive: bool = False
+    """Whether the water also has added mass."""
     seed: int = 0
     """Seed of everything random in the run."""
 
     def __post_init__(self) -> None:
+        flag("reactive", self.reactive)
         integer("steps", self.steps, 1, 10**10)
         integer("environments", self.environments, 1, 1024)
         integer("seed", self.seed, 0, MAXIMUM_SEED)
@@ -193,10 +198,11 @@ def train(
     # From the poses of a gait that is evolved with this seed, and as often with each body.
     count = -(-FINAL_POSES // len(bodies)) * len(bodies)
     poses = random_poses(count, stream(config.seed, 1), plan)
+    world = WorldConfig(reactive=config.reactive)
     swims = np.resize(bodies, (count, bodies.shape[1])), poses
     settings = {"morphology": median_body(bodies, plan).to_dict(), **asdict(config)}
-    del settings["plan"]
-    settings |= plan_key(plan)
+    del settings["plan"], settings["reactive"]
+    settings |= plan_key(plan) | ({"reactive": True} if config.reactive else {})
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
     best = Learned(learner.controller(), -inf, ())
@@ -205,7 +211,8 @@ def train(
         for epoch in range(1, config.epochs + 1):
             training = learner.learn(_seed(config, epoch - 1))
             controller = learner.controller()
-            score = float(scores([controller], *swims, task=config.task, damage=broken).mean())
+            found = scores([controller], *swims, task=config.task, damage=broken, world=world)
+            score = float(found.mean())
             curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
             if score > best.score:
                 best = Learned(controller, score, ())
@@ -241,6 +248,7 @@ class _Learner:
             config.task,
             damage,
             self.plan,
+            config.reactive,
         )
         # Without a clip, which the exported weights could not express.
         self.normal = vec_env.VecNormalize(self.robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)

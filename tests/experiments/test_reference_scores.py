@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from aquafish_gym import IDS, WorldConfig
 from aquafish_gym.damage import TIERS, Damage
+from aquafish_gym.plans import TAIL_FISH
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
 from experiments.scores.command import FIRST_SEED, Scores, share
@@ -100,6 +102,21 @@ def test_damage_strikes_at_the_onset_of_the_id() -> None:
             assert len({str(one) for one in damages}) > 80
     with pytest.raises(InvalidArgumentError, match="episodes"):
         Scores(episodes=101).jobs()
+
+
+@jobs_in_process()
+def test_other_fish_have_rows_of_their_own(tmp_path: Path) -> None:
+    command = replace(
+        small(tmp_path, "still", "tail only", "CPG", episodes=2), tasks=("tail-fish",)
+    )
+    replace(command, replicates=1).execute()
+    rows = [line.split(" | ") for line in (tmp_path / "table.md").read_text().splitlines()[2:]]
+    still, tail, cpg = ({"name": row[0], "whole": float(row[3].split()[0])} for row in rows)
+    assert still == {"name": "| TailFish-v0", "whole": 0.0}
+    assert tail["whole"] > 100.0  # in water with added mass, over twenty seconds
+    gait = read_document(next(tmp_path.rglob("CPG/*.json")), "aquafish.result/1", "out")
+    assert Controller.from_dict(gait["controller"]).plan == TAIL_FISH
+    assert cpg["name"] == still["name"]
 
 
 def test_a_share_is_of_the_mean_distance() -> None:

@@ -187,7 +187,8 @@ ROWS = [
     Call(
         LearningConfig,
         {"steps": 1, "environments": 1, "interval": 20, "senses": ("imu",), "task": "forward",
-         "plan": AQUAFISH, "seed": 0},
+         "plan": AQUAFISH, "reactive": False, "seed": 0},
+        options(reactive="true"),
     ),
     Call(
         train,
