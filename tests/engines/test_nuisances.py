@@ -22,7 +22,7 @@ from instruments.verification.trials import lane_batch, one_world, random_trials
 
 COUNT = 21  # no multiple of a register's robots
 TRIALS = random_trials(COUNT, seed=3)
-BODIES, COMMANDS, ANGLES = TRIALS
+BODIES, COMMANDS, ANGLES = TRIALS[:3]
 LOCKED = (0.0, 0.0, 0.0)
 TURN = 2 * np.pi * TIMESTEP
 
