@@ -2,11 +2,14 @@
 // are whole, it refines no gait, and it looks for a second fault only beside the likeliest first
 // ones. aquafish/page/program.py prints FACTS, and functions with names_like_this, from the library's
 // own Python; thresholds.NAME is that of aquafish/online/thresholds.py. A state is a Float64Array in
-// the order of aquafish_gym/physics/layout.py; a robot is nine sizes, the gains of three servos, and
+// the order of aquafish_gym/physics/layout.py; a robot is its sizes, the gains of its servos, and
 // its rows there; a fault is { fin, word, number }.
 
 const { thresholds } = FACTS;
-const WHOLE = makeRobot(FACTS.sizes, [1, 1, 1]);
+const WHOLE = makeRobot(
+  FACTS.sizes,
+  FACTS.fins.map(() => 1),
+);
 
 // Returns an array that one of the printed functions sets.
 function filled(length, fill, ...given) {
@@ -33,7 +36,8 @@ function broken(robot, faults) {
       values[at] = a + b * number + (c + d * number) * values[at];
     }
   }
-  return makeRobot(values.slice(0, 9), values.slice(9));
+  const count = FACTS.sizes.length;
+  return makeRobot(values.slice(0, count), values.slice(count));
 }
 
 const atRest = (finAngles) => filled(FACTS.stateRows, start, finAngles);
@@ -79,7 +83,7 @@ function respond(swimming, state) {
     values.copyWithin(first, first + nodes, end + nodes);
     first = end;
   }
-  return Array.from(values.subarray(first - 3, first));
+  return Array.from(values.subarray(first - FACTS.fins.length, first));
 }
 
 // Returns how far each gait would swim along +y from a state, and the present one if it goes on.

@@ -9,17 +9,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
+from aquafish.online.gaits import load_library
 from aquafish.page.program import page_file, program
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage.words import PHRASES
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, PlanLike
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import TRAILS
 from aquafish_gym.rendering.replay import css, packed_library, web_file, whole_page
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.storage import write_bytes
-from aquafish_gym.utils.validation import file_path
+from aquafish_gym.utils.validation import file_path, flag
 
 TITLE = "Break the fish"
 MUTED = "#5b7485"  # of what is less important
@@ -35,13 +36,26 @@ BREAKS: Sequence[tuple[str, str, float]] = (
 )
 
 
-def write_live_page(path: str | os.PathLike[str]) -> Path:
+def write_live_page(
+    path: str | os.PathLike[str],
+    library: Path | PlanLike = AQUAFISH,
+    reactive: bool = False,
+) -> Path:
     """Write the page as one HTML file, and return its path.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    library
+        A file of gaits, which say what fish it is, or a plan of which a library is packaged.
+    reactive
+        Whether the water has added mass.
 
     Raises
     ------
     InvalidArgumentError
-        If ``path`` cannot be the path of a file.
+        If ``path`` cannot be the path of a file, or there is no library for the plan.
 
     Examples
     --------
@@ -49,12 +63,15 @@ def write_live_page(path: str | os.PathLike[str]) -> Path:
     True
     """
     file_path("path", path)
-    write_bytes(path, live_page().encode())
+    write_bytes(path, live_page(library, reactive).encode())
     return Path(path)
 
 
-def live_page() -> str:
-    """Return the page in which the fish swims, breaks and swims on, as HTML."""
+def live_page(library: Path | PlanLike = AQUAFISH, reactive: bool = False) -> str:
+    """Return the page in which a fish swims, breaks and swims on, as HTML."""
+    gaits = load_library(library)
+    plan = gaits[0].morphology.plan
+    code = program(gaits, reactive=flag("reactive", reactive))
     colours = {
         "water": css(scene.WATER_ABOVE),
         "sand": css(scene.SAND),
@@ -65,7 +82,7 @@ def live_page() -> str:
         "broken": css(scene.BROKEN_FIN),
         "muted": MUTED,
     }
-    room = scene.fish_room(AQUAFISH)
+    room = scene.fish_room(plan)
     data = {
         "timestep": TIMESTEP,
         "cmPerUnit": scene.CM_PER_UNIT,
@@ -76,17 +93,18 @@ def live_page() -> str:
         "slowFrame": 1000 / FEWEST_FRAMES,
         "clearance": scene.CLEARANCE * room,
         "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
-        "parts": len(scene.drawn_parts()),
-        "firstFin": scene.fin_parts().start,
-        "capsule": (2 * AQUAFISH.hull.radius, AQUAFISH.hull.length),
+        "room": room,
+        "parts": len(scene.drawn_parts(plan)),
+        "firstFin": scene.fin_parts(plan).start,
+        "lengthAxes": [fin.order.index("length") for fin in plan.fins],
+        "capsule": (2 * plan.hull.radius, plan.hull.length),
         "colours": colours,
-        "finWords": AQUAFISH.words,
+        "finWords": plan.words,
         "phrases": {word: phrase.replace(" at #", "") for word, phrase in PHRASES.items()},
         "breaks": BREAKS,
     }
     fins = "\n".join(
-        f'<option value="{i}">{html.escape(AQUAFISH.words[fin])}</option>'
-        for i, fin in enumerate(AQUAFISH.names)
+        f'<option value="{i}">{html.escape(fin.word)}</option>' for i, fin in enumerate(plan.fins)
     )
     view = web_file("scene.js") + page_file("panel.js") + page_file("view.js")
     body = Template(page_file("page.html")).substitute(
@@ -96,8 +114,8 @@ def live_page() -> str:
         current=f"{scene.CM_PER_UNIT * FASTEST_CURRENT:g}",
         data=json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"),
         library=packed_library(),
-        program=program(),
+        program=code,
         view=view,
     )
     style = Template(page_file("page.css")).substitute(colours)
-    return whole_page(TITLE, body, style, (program(), view), worker=True)
+    return whole_page(TITLE, body, style, (code, view), worker=True)

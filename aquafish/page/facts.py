@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from aquafish.online import AgentConfig, thresholds
 from aquafish.online.belief import chance_bound
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import check_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED, all_hypotheses, searched_range
 from aquafish.online.self_model import error_sds, error_size
 from aquafish_gym.damage.breaking import break_part
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts
 from aquafish_gym.scenario import CHANNELS, GYRO_CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.controllers.network import OUTPUT_GAIN, Senses
 
@@ -23,12 +25,13 @@ GYRO_NOISE = 0.01  # standard deviation, rad/s: the league's
 GAIT_SENSES = Senses(fins=True)  # of each gait of the library
 
 
-def agent_facts(seconds: float) -> dict[str, Any]:
+def agent_facts(gaits: Sequence[Controller], seconds: float) -> dict[str, Any]:
     """Return what ``agent.js`` calls FACTS; it chooses a gait for the next ``seconds``."""
+    plan = gaits[0].morphology.plan
     noise = np.zeros(len(CHANNELS))
     noise[GYRO_CHANNELS] = GYRO_NOISE
-    gaits = load_library()
     hold = gaits[0].interval
+    check_library(gaits, plan, hold)
     return {
         "thresholds": {
             **{
@@ -37,7 +40,7 @@ def agent_facts(seconds: float) -> dict[str, Any]:
                 if name.isupper()
             },
             **{
-                name: error_sds(AQUAFISH, getattr(thresholds, name)).tolist()
+                name: error_sds(plan, getattr(thresholds, name)).tolist()
                 for name in ("MODEL_ERROR", "RECOGNISED_ERROR", "START_ERROR")
             },
         },
@@ -50,23 +53,23 @@ def agent_facts(seconds: float) -> dict[str, Any]:
             thresholds.CHANNEL_TOLERANCE, thresholds.TOLERANCE_RATIO * noise
         ).tolist(),
         "northing": FIELDS["position"].start + 1,
-        "errors": error_size(AQUAFISH),
-        "stateRows": layout(AQUAFISH).state_numbers,
-        "robotRows": layout(AQUAFISH).robot_rows,
-        "parts": PART_NUMBERS * len(drawn_parts()),
-        "fins": AQUAFISH.names,
-        "sizes": [d.nominal for d in AQUAFISH.dimensions],
-        "maxima": AQUAFISH.maxima.tolist(),
+        "errors": error_size(plan),
+        "stateRows": layout(plan).state_numbers,
+        "robotRows": layout(plan).robot_rows,
+        "parts": PART_NUMBERS * len(drawn_parts(plan)),
+        "fins": plan.names,
+        "sizes": [d.nominal for d in plan.dimensions],
+        "maxima": plan.maxima.tolist(),
         "columns": {
-            fin: {d.size: i for i, d in enumerate(AQUAFISH.dimensions) if d.fin == fin}
-            for fin in AQUAFISH.names
+            fin: {d.size: i for i, d in enumerate(plan.dimensions) if d.fin == fin}
+            for fin in plan.names
         },
-        "middle": ((AQUAFISH.command_low + AQUAFISH.command_high) / 2).tolist(),
-        "reach": ((AQUAFISH.command_high - AQUAFISH.command_low) / 2).tolist(),
+        "middle": ((plan.command_low + plan.command_high) / 2).tolist(),
+        "reach": ((plan.command_high - plan.command_low) / 2).tolist(),
         "effects": {
-            fin: {word: effects(fin, word) for word in FIRST_NUMBERS} for fin in AQUAFISH.names
+            fin: {word: effects(plan, fin, word) for word in FIRST_NUMBERS} for fin in plan.names
         },
-        "singles": singles(),
+        "singles": singles(plan),
         "numberRanges": {
             word: searched_range(word) if word in NUMBERED else (0.0, 0.0) for word in FIRST_NUMBERS
         },
@@ -76,10 +79,10 @@ def agent_facts(seconds: float) -> dict[str, Any]:
         },
         # It begins at rest, in water whose current it knows.
         "startCovariance": np.diag(
-            np.full(error_size(AQUAFISH), thresholds.START_ERROR[0]) ** 2
+            np.full(error_size(plan), thresholds.START_ERROR[0]) ** 2
         ).tolist(),
         "largestError": error_sds(
-            AQUAFISH, thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR
+            plan, thresholds.ERROR_SCALES[-1] * thresholds.MODEL_ERROR
         ).tolist(),
         "windows": [
             (window, chance_bound(window * len(CHANNELS))) for window in thresholds.WINDOWS
@@ -90,32 +93,34 @@ def agent_facts(seconds: float) -> dict[str, Any]:
     }
 
 
-def singles() -> list[list[dict[str, Any]]]:
+def singles(plan: BodyPlan) -> list[list[dict[str, Any]]]:
     """Return the hypotheses of nothing broken and of single faults, as lists of faults."""
     return [
         [
             {"fin": fin, "word": word, "number": number}
             for (fin, word), number in zip(grid.words, row, strict=True)
         ]
-        for grid in all_hypotheses(AQUAFISH)
+        for grid in all_hypotheses(plan)
         if len(grid.words) < 2
         for row in grid.numbers.tolist()
     ]
 
 
-def effects(fin: str, word: str) -> list[tuple[float, ...]]:
-    """Return what a word about a fin does to a robot's nine sizes and three servo gains.
+def effects(plan: BodyPlan, fin: str, word: str) -> list[tuple[float, ...]]:
+    """Return what a word about a fin does to a robot's sizes and servo gains.
 
     Each row is (i, a, b, c, d): with the word's number x, value i becomes
     ``a + b x + (c + d x) value``. Found by breaking robots.
     """
-    values, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
-    robots = Scenario.create(np.tile(values[:, None], len(AQUAFISH.dimensions)))
-    robots.servo_gain[:] = values[:, None]
-    break_part(AQUAFISH, robots.columns(), slice(None), fin, word, numbers)
+    shares, numbers = (axis.ravel() for axis in np.meshgrid((0.3, 0.4), (0.25, 0.75)))
+    largest = np.concatenate([plan.maxima, np.ones(len(plan.fins))])
+    robots = Scenario.create(np.outer(shares, plan.maxima), plan=plan)
+    robots.servo_gain[:] = shares[:, None]
+    break_part(plan, robots.columns(), slice(None), fin, word, numbers)
     after = np.concatenate([robots.body, robots.servo_gain], axis=1)
-    terms = np.stack([np.ones(4), numbers, values, values * numbers], axis=1)
+    terms = np.stack([np.ones(4), numbers, shares, shares * numbers], axis=1)
     found = np.linalg.solve(terms, after).round(9).T + 0.0  # no "-0"
+    found[:, 2:] /= largest[:, None]
     changed = np.flatnonzero((found != (0.0, 0.0, 1.0, 0.0)).any(axis=1))
     return [(i, *found[i].tolist()) for i in changed.tolist()]
 
@@ -123,7 +128,9 @@ def effects(fin: str, word: str) -> list[tuple[float, ...]]:
 def gait_facts(gait: Controller) -> dict[str, Any]:
     """Return a gait as ``agent.js`` reads it: its layout, and its numbers in float32."""
     if gait.senses != GAIT_SENSES:
-        raise ValueError(f"a gait of the page must have {GAIT_SENSES}; got {gait.senses}")
+        raise InvalidArgumentError(
+            f"library must have gaits with {GAIT_SENSES} to be on a page; got {gait.senses}"
+        )
     _, _, _, _, inputs, nodes, memory, clipped, _, *ends = gait.layout().tolist()
     return {
         "layout": {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -29,16 +29,18 @@ from aquafish_gym.physics.arithmetic import (
 from aquafish_gym.physics.kinematics import joint_angles, pairs, turn, turned
 from aquafish_gym.physics.layout import fetch_vector, layout, put_vector, state_numbers, state_of
 from aquafish_gym.physics.printing import JAVASCRIPT, printed, trace
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts, place_parts
 from aquafish_gym.sense import up_and_north
+from gait.controllers.controller import Controller
 from gait.controllers.network import put_inputs
 
 
-def place_fish(sizes: Any, broken: Any, state: Any, parts: Any) -> None:
+def place_fish(plan: BodyPlan, sizes: Any, broken: Any, state: Any, parts: Any) -> None:
     """Set what is drawn of a fish: of each part centre, turn, size and colour, in body axes."""
     angles = joint_angles(state_of(list(state)).joints)
-    numbers = [x for part in place_parts(sizes, broken, angles) for field in part for x in field]
+    placed = place_parts(sizes, broken, angles, plan)
+    numbers = [x for part in placed for field in part for x in field]
     for i, number in enumerate(numbers):
         is_colour = i % PART_NUMBERS >= PART_NUMBERS - 3
         put(parts, i, number * (1 / 255) if is_colour else number)
@@ -54,7 +56,7 @@ def sense_inputs(state: Any, turns: Any, values: Any) -> None:
 
 
 def move(state: Any, error: Any, found: Any) -> None:
-    """Set the state that differs from one by an error (12,): ``self_model.moved``."""
+    """Set the state that differs from one by an error (E,): ``self_model.moved``."""
     before = state_of(list(state))
     rotation, velocity, spin = (fetch_vector(error, 3 * i, 0, 1, 0.0) for i in range(3))
     joints = [
@@ -72,7 +74,7 @@ def move(state: Any, error: Any, found: Any) -> None:
 
 
 def state_error(state: Any, other: Any, error: Any) -> None:
-    """Set the error (12,) by which a state differs from another: ``self_model.state_errors``.
+    """Set the error (E,) by which a state differs from another: ``self_model.state_errors``.
 
     Their attitudes differ by less than half a turn, and their quaternions have the same sign.
     """
@@ -91,45 +93,46 @@ def state_error(state: Any, other: Any, error: Any) -> None:
         put(error, 9 + i, arctangent2(fma(s, c0, -(c * s0)), fma(c, c0, s * s0)))
 
 
-_FUNCTIONS: dict[Callable[..., None], dict[str, int]] = {
-    place_fish: {
-        "sizes": 3 * len(AQUAFISH.names),
-        "broken": len(AQUAFISH.names),
-        "state": layout(AQUAFISH).state_numbers,
-        "parts": PART_NUMBERS * len(drawn_parts()),
-    },
-    sense_inputs: {
-        "state": layout(AQUAFISH).state_numbers,
-        "turns": 1,
-        "values": len(GAIT_SENSES.names()),
-    },
-    move: {
-        "state": layout(AQUAFISH).state_numbers,
-        "error": error_size(AQUAFISH),
-        "found": layout(AQUAFISH).state_numbers,
-    },
-    state_error: {
-        "state": layout(AQUAFISH).state_numbers,
-        "other": layout(AQUAFISH).state_numbers,
-        "error": error_size(AQUAFISH),
-    },
-}
-
-
 @cache
-def program(seconds: float = GAIT_HORIZON_SECONDS) -> str:
-    """Return the JavaScript of the fish and its agent, which compares gaits for some seconds.
+def _printed_functions(plan: BodyPlan, reactive: bool) -> str:
+    """Return the JavaScript of a plan's physics, and of what the agent and the page call."""
+    code = robot_code(plan)
+    fins = len(plan.fins)
+    state = layout(plan).state_numbers
+    error = error_size(plan)
+    parts = PART_NUMBERS * len(drawn_parts(plan))
+    functions: list[tuple[str, Callable[..., None], dict[str, int]]] = [
+        (
+            "place_fish",
+            partial(place_fish, plan),
+            {"sizes": 3 * fins, "broken": fins, "state": state, "parts": parts},
+        ),
+        (
+            "sense_inputs",
+            sense_inputs,
+            {"state": state, "turns": 1, "values": len(GAIT_SENSES.names(plan))},
+        ),
+        ("move", move, {"state": state, "error": error, "found": state}),
+        ("state_error", state_error, {"state": state, "other": state, "error": error}),
+    ]
+    step = code.step_reactive if reactive else code.step
+    physics = code.javascript(code.robot_rows, code.start, step, code.sense)
+    own = [printed(name, trace(f, **sizes), JAVASCRIPT) for name, f, sizes in functions]
+    return "\n".join([physics, *(["const step = step_reactive;"] if reactive else []), *own])
+
+
+def program(
+    gaits: Sequence[Controller], seconds: float = GAIT_HORIZON_SECONDS, reactive: bool = False
+) -> str:
+    """Return the JavaScript of a fish and its agent, which compares gaits for some seconds.
 
     It defines ``FACTS``, the printed functions, and what ``agent.js`` does. The page and its worker
-    run it, and so does node.
+    run it, and so does node. The fish is of the gaits' plan, and ``reactive`` water has added mass.
     """
-    facts = json.dumps(agent_facts(seconds), separators=(",", ":"), allow_nan=False)
-    code = robot_code(AQUAFISH)
-    physics = code.javascript(code.robot_rows, code.start, code.step, code.sense)
-    own = [printed(f.__name__, trace(f, **sizes), JAVASCRIPT) for f, sizes in _FUNCTIONS.items()]
+    facts = json.dumps(agent_facts(gaits, seconds), separators=(",", ":"), allow_nan=False)
     begin = f'"use strict";\nconst FACTS = {facts};'
-    hand_written = page_file("agent.js"), page_file("words.js")
-    return "\n".join([begin, physics, *own, *hand_written])
+    printed_code = _printed_functions(gaits[0].morphology.plan, reactive)
+    return "\n".join([begin, printed_code, page_file("agent.js"), page_file("words.js")])
 
 
 def page_file(name: str) -> str:

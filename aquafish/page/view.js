@@ -122,14 +122,15 @@ function live(host, data, three) {
   const scene = new three.Scene();
   const camera = new three.PerspectiveCamera(35, 1, 1, 400);
   const orbit = new three.OrbitControls(camera, renderer.domElement);
+  const { room } = data; // of the fish, units
   const [wide, long] = data.capsule;
   const fish = addFish(three, scene, data.parts, wide, long, colours.fish);
   const ghost = addFish(three, scene, data.parts, wide, long, colours.belief);
-  const sun = addLight(three, renderer, scene, colours.water, 14);
+  const sun = addLight(three, renderer, scene, colours.water, 6 * room);
   const sand = addFloor(three, renderer, scene, data.grid, colours);
   const trail = addTrail(three, scene, colours.fish, 1000);
   const names = [addText(stage, "name", "the fish"), addText(stage, "name ghost", "its belief")];
-  const beside = new three.Vector3(-4.2, 0, 0); // where the ghost is drawn
+  const beside = new three.Vector3(-1.75 * room, 0, 0); // where the ghost is drawn
   let swim = null;
   let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   let last = 0;
@@ -254,8 +255,11 @@ function live(host, data, three) {
     };
     const distances = FACTS.fins.map((_, i) => {
       const part = fish.parts[data.firstFin + i];
-      const half = Math.max(part.scale.y, 0.8) / 2;
-      const along = [-1, -0.5, 0, 0.5, 1].map((k) => new three.Vector3(0, k * half, 0));
+      const axis = data.lengthAxes[i];
+      const half = Math.max(part.scale.getComponent(axis), room / 3) / 2;
+      const along = [-1, -0.5, 0, 0.5, 1].map((k) =>
+        new three.Vector3().setComponent(axis, k * half),
+      );
       return Math.min(
         ...along.map((point) => {
           point.applyQuaternion(part.quaternion).add(part.position);
@@ -287,7 +291,7 @@ function live(host, data, three) {
 
   function aim() {
     camera.up.set(0, 0, 1);
-    const distance = stage.clientWidth < stage.clientHeight ? 24 : 17;
+    const distance = room * (stage.clientWidth < stage.clientHeight ? 10 : 7.1);
     camera.position
       .set(...VIEWS[inputs.camera.value])
       .setLength(distance)
@@ -327,12 +331,12 @@ function live(host, data, three) {
     const tile = data.grid[1]; // the floor follows by whole tiles, so that its lines stay
     sand.position.set(tile * Math.round(place.x / tile), tile * Math.round(place.y / tile), floor);
     sun.target.position.copy(place);
-    sun.position.copy(place).add(new three.Vector3(0, 0, 14));
+    sun.position.copy(place).add(new three.Vector3(0, 0, 6 * room));
     camera.position.add(place).sub(orbit.target);
     orbit.target.copy(place);
     orbit.update();
     renderer.render(scene, camera);
-    const above = new three.Vector3(0, 0, 1.3);
+    const above = new three.Vector3(0, 0, 0.55 * room);
     placeText(names[0], place.clone().add(above), camera, stage);
     placeText(names[1], place.clone().add(beside).add(above), camera, stage);
     write();

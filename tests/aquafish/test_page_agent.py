@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import subprocess
@@ -15,16 +16,16 @@ import pytest
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED
-from aquafish.online.self_model import moved, state_errors
+from aquafish.online.self_model import error_size, moved, state_errors
 from aquafish.page.facts import GYRO_NOISE, effects
 from aquafish.page.program import move, place_fish, program, state_error
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
-from aquafish_gym.rendering.scene import PART_NUMBERS, place_robots
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts, place_robots
 from aquafish_gym.scenario import Scenario
+from tests.plans import EACH_PLAN, PLANS
 
 EPISODES = Path(__file__).with_name("page_episodes.js")
 ONSET_SECONDS = 20.0
@@ -39,12 +40,17 @@ IN_A_ROW = (
 )
 
 
+@functools.cache
+def program_of(seconds: float) -> str:
+    return program(load_library(), seconds)
+
+
 def run_node(code: str, given: object, seconds: float = GAIT_HORIZON_SECONDS) -> Any:
     """Return what a program prints that follows the page's, which looks so far ahead, as JSON."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no JavaScript engine, node")
-    text = f"{program(seconds)}\n{code}"
+    text = f"{program_of(seconds)}\n{code}"
     done = subprocess.run(
         [node, "-"], input=text, env={"GIVEN": json.dumps(given)}, capture_output=True, text=True
     )
@@ -57,9 +63,9 @@ def swim_episodes(episodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(run_node(EPISODES.read_text(), episodes))
 
 
-def random_state(rng: np.random.Generator) -> np.ndarray[Any, Any]:
-    """Return a state (25,) in motion."""
-    state = layout(AQUAFISH).start(rng.uniform(-3, 3, (1, 3)))[:, 0]
+def random_state(rng: np.random.Generator, plan: BodyPlan) -> np.ndarray[Any, Any]:
+    """Return a state (R,) in motion."""
+    state = layout(plan).start(rng.uniform(-3, 3, (1, len(plan.fins))))[:, 0]
     state[:4] = rng.standard_normal(4)
     state[:4] /= np.linalg.norm(state[:4])
     state[4:13] = rng.standard_normal(9)
@@ -98,48 +104,54 @@ def episode(
 
 
 @pytest.mark.parametrize("word", FIRST_NUMBERS)
-@pytest.mark.parametrize("fin", AQUAFISH.names)
-def test_a_word_does_to_a_robot_what_the_grammar_says(fin: str, word: str) -> None:
+@pytest.mark.parametrize(
+    ("plan", "fin"), [(plan, fin) for plan in PLANS for fin in check_plan(plan).names], ids=str
+)
+def test_a_word_does_to_a_robot_what_the_grammar_says(plan: BodyPlan, fin: str, word: str) -> None:
     number = 0.37 if word in NUMBERED else None
-    robot = Damage((Fault(fin, word, number),)).edit(Scenario.create())
-    values = np.concatenate([Morphology.nominal().to_array(), np.ones(3)])
-    for i, a, b, c, d in effects(fin, word):
+    robot = Damage((Fault(fin, word, number),)).edit(Scenario.create(plan=plan))
+    values = np.concatenate([plan.nominal, np.ones(len(plan.fins))])
+    for i, a, b, c, d in effects(plan, fin, word):
         x = number or 0.0
         values[int(i)] = a + b * x + (c + d * x) * values[int(i)]
     np.testing.assert_allclose(values, np.concatenate([robot.body[0], robot.servo_gain[0]]))
 
 
-def test_the_filter_moves_states_as_the_library_does() -> None:
+@pytest.mark.parametrize("plan", EACH_PLAN)
+def test_the_filter_moves_states_as_the_library_does(plan: BodyPlan) -> None:
     rng = np.random.default_rng(0)
+    size, rows = error_size(plan), layout(plan).state_numbers
     for _ in range(20):
-        state = random_state(rng)
-        error = 0.1 * rng.standard_normal(12)
-        found = [0.0] * 22
-        move(state[:22].tolist(), error.tolist(), found)
-        wanted = moved(AQUAFISH, state, error[None])[:, 0]
-        np.testing.assert_allclose(found, wanted[:22], atol=1e-12)
-        back = [0.0] * 12
-        state_error(found, state[:22].tolist(), back)
-        np.testing.assert_allclose(
-            back, state_errors(AQUAFISH, wanted[:, None], state)[0], atol=1e-12
-        )
+        state = random_state(rng, plan)
+        error = 0.1 * rng.standard_normal(size)
+        found = [0.0] * rows
+        move(state[:rows].tolist(), error.tolist(), found)
+        wanted = moved(plan, state, error[None])[:, 0]
+        np.testing.assert_allclose(found, wanted[:rows], atol=1e-12)
+        back = [0.0] * size
+        state_error(found, state[:rows].tolist(), back)
+        np.testing.assert_allclose(back, state_errors(plan, wanted[:, None], state)[0], atol=1e-12)
 
 
-def test_a_fish_is_placed_as_everywhere_else() -> None:
+@pytest.mark.parametrize("plan", EACH_PLAN)
+def test_a_fish_is_placed_as_everywhere_else(plan: BodyPlan) -> None:
     rng = np.random.default_rng(1)
-    body = rng.uniform(0.1, 0.5, 9)
-    state = random_state(rng)
-    parts = [0.0] * (9 * PART_NUMBERS)
-    place_fish(body.tolist(), [0.0, 1.0, 0.0], state[:22].tolist(), parts)
-    upright = [[0.0, 0.0, 0.0, 1.0]]
+    body = rng.uniform(0.1, 0.5, len(plan.dimensions))
+    state = random_state(rng, plan)
+    count = len(drawn_parts(plan))
+    parts = [0.0] * (count * PART_NUMBERS)
+    broken = [float(i == 1) for i in range(len(plan.fins))]
+    rows = layout(plan).state_numbers
+    place_fish(plan, body.tolist(), broken, state[:rows].tolist(), parts)
     wanted = place_robots(
         body[None],
-        [[False, True, False]],
+        [np.array(broken) > 0],
         np.zeros((1, 3)),
-        upright,
-        layout(AQUAFISH).angles(state)[None],
+        [[0.0, 0.0, 0.0, 1.0]],
+        layout(plan).angles(state)[None],
+        plan,
     )
-    table = np.reshape(parts, (9, PART_NUMBERS))
+    table = np.reshape(parts, (count, PART_NUMBERS))
     np.testing.assert_allclose(table[:, :7], wanted.poses[0], atol=1e-12)
     np.testing.assert_allclose(table[:, 7:10], wanted.sizes[0], atol=1e-12)
     np.testing.assert_allclose(table[:, 10:], wanted.colours[0] / 255, atol=1e-12)
