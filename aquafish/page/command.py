@@ -36,7 +36,7 @@ class Page:
         plan = check_plan(self.plan)
         library = self.library or plan
         if self.library is not None:
-            check_same_plan("library", load_library(self.library)[0].morphology.plan, plan)
+            check_same_plan("library", load_library(self.library)[0].plan, plan)
         path = write_live_page(output_file(self.html, "html"), library, self.reactive)
         size = f"{path.stat().st_size / 1e6:.2f} MB"
         print(printable(f"Page: {path} ({size}); open it in a browser"))

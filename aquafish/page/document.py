@@ -70,7 +70,7 @@ def write_live_page(
 def live_page(library: Path | PlanLike = AQUAFISH, reactive: bool = False) -> str:
     """Return the page in which a fish swims, breaks and swims on, as HTML."""
     gaits = load_library(library)
-    plan = gaits[0].morphology.plan
+    plan = gaits[0].plan
     code = program(gaits, reactive=flag("reactive", reactive))
     colours = {
         "water": css(scene.WATER_ABOVE),

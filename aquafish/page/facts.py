@@ -27,7 +27,7 @@ GAIT_SENSES = Senses(fins=True)  # of each gait of the library
 
 def agent_facts(gaits: Sequence[Controller], seconds: float) -> dict[str, Any]:
     """Return what ``agent.js`` calls FACTS; it chooses a gait for the next ``seconds``."""
-    plan = gaits[0].morphology.plan
+    plan = gaits[0].plan
     noise = np.zeros(len(CHANNELS))
     noise[GYRO_CHANNELS] = GYRO_NOISE
     hold = gaits[0].interval

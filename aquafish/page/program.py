@@ -131,7 +131,7 @@ def program(
     """
     facts = json.dumps(agent_facts(gaits, seconds), separators=(",", ":"), allow_nan=False)
     begin = f'"use strict";\nconst FACTS = {facts};'
-    printed_code = _printed_functions(gaits[0].morphology.plan, reactive)
+    printed_code = _printed_functions(gaits[0].plan, reactive)
     return "\n".join([begin, printed_code, page_file("agent.js"), page_file("words.js")])
 
 

@@ -81,7 +81,7 @@ class View:
         library = self._library(plan)
         gaits = [Controller.load(self.controller)] if self.controller else library
         if gaits:
-            check_same_plan("controller", gaits[0].morphology.plan, plan)
+            check_same_plan("controller", gaits[0].plan, plan)
             found["gait"] = gait_pilot(gaits[0])
         else:
             found["full speed"] = steady_pilot(plan)

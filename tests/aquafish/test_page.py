@@ -13,8 +13,12 @@ from pathlib import Path
 import pytest
 
 from aquafish.cli import main
+from aquafish.online.gaits import LIBRARY_SCHEMA
 from aquafish.page import live_page, write_live_page
+from aquafish_gym.utils.storage import write_document
+from tests.aquafish.test_page_agent import gaits_of
 from tests.browser import Page, browser
+from tests.plans import ODD
 
 READY = "document.querySelector('.live')?.dataset.ready === 'yes'"
 STATE = "document.querySelector('.live').dataset"
@@ -100,6 +104,24 @@ def test_the_command_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert path.read_text() == live_page()
     assert str(path) in capsys.readouterr().out
     assert main(["page", "--html", str(tmp_path)]) == 2
+
+
+def test_the_command_writes_the_page_of_another_fish(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, library, path = (tmp_path / name for name in ("odd.json", "gaits.json", "odd.html"))
+    plan.write_text(ODD.to_json())
+    document = {"gaits": [gait.to_dict() for gait in gaits_of(ODD)]}
+    write_document(library, document, LIBRARY_SCHEMA)
+    words = ["page", "--html", str(path), "--plan", str(plan)]
+    assert main(words) == 2
+    assert "library must be given for the plan odd" in capsys.readouterr().err
+    assert main([*words, "--library", str(library), "--reactive"]) == 0
+    text = path.read_text()
+    assert all(f'<option value="{i}">{fin.word}</option>' in text for i, fin in enumerate(ODD.fins))
+    assert "const step = step_reactive;" in text
+    assert main(["page", "--html", str(path), "--library", str(library)]) == 2
+    assert "library must be of the plan aquafish" in capsys.readouterr().err
 
 
 @pytest.mark.slow

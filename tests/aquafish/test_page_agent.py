@@ -6,6 +6,7 @@ import functools
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,19 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
 from aquafish.online.hypotheses import FIRST_NUMBERS, NUMBERED
 from aquafish.online.self_model import error_size, moved, state_errors
-from aquafish.page.facts import GYRO_NOISE, effects
+from aquafish.page.facts import GAIT_SENSES, GYRO_NOISE, effects
 from aquafish.page.program import move, place_fish, program, state_error
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage import Damage, Fault
-from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.law import law
+from aquafish_gym.physics.layout import layout, state_numbers, state_of
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan, check_plan
 from aquafish_gym.rendering.scene import PART_NUMBERS, drawn_parts, place_robots
 from aquafish_gym.scenario import Scenario
-from tests.plans import EACH_PLAN, PLANS
+from gait.controllers.controller import Controller
+from gait.search.templates import Template
+from tests.plans import EACH_PLAN, ODD, PLANS
 
 EPISODES = Path(__file__).with_name("page_episodes.js")
 ONSET_SECONDS = 20.0
@@ -41,16 +46,35 @@ IN_A_ROW = (
 
 
 @functools.cache
-def program_of(seconds: float) -> str:
-    return program(load_library(), seconds)
+def gaits_of(plan: BodyPlan) -> list[Controller]:
+    """Return the packaged gaits of AquaFish, or two random ones of another plan."""
+    if plan == AQUAFISH:
+        return load_library()
+    template = Template.of_class("recurrent", GAIT_SENSES, 4, plan=plan)
+    vectors = 0.7 * np.random.default_rng(0).standard_normal((2, template.size))
+    return [
+        replace(template.controller(one, 0.7, Morphology.nominal(plan), 0), interval=20)
+        for one in vectors
+    ]
 
 
-def run_node(code: str, given: object, seconds: float = GAIT_HORIZON_SECONDS) -> Any:
+@functools.cache
+def program_of(plan: BodyPlan, seconds: float, reactive: bool) -> str:
+    return program(gaits_of(plan), seconds, reactive)
+
+
+def run_node(
+    code: str,
+    given: object,
+    seconds: float = GAIT_HORIZON_SECONDS,
+    plan: BodyPlan = AQUAFISH,
+    reactive: bool = False,
+) -> Any:
     """Return what a program prints that follows the page's, which looks so far ahead, as JSON."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no JavaScript engine, node")
-    text = f"{program_of(seconds)}\n{code}"
+    text = f"{program_of(plan, seconds, reactive)}\n{code}"
     done = subprocess.run(
         [node, "-"], input=text, env={"GIVEN": json.dumps(given)}, capture_output=True, text=True
     )
@@ -105,7 +129,7 @@ def episode(
 
 @pytest.mark.parametrize("word", FIRST_NUMBERS)
 @pytest.mark.parametrize(
-    ("plan", "fin"), [(plan, fin) for plan in PLANS for fin in check_plan(plan).names], ids=str
+    ("plan", "fin"), [(check_plan(plan), fin) for plan in PLANS for fin in plan.names], ids=str
 )
 def test_a_word_does_to_a_robot_what_the_grammar_says(plan: BodyPlan, fin: str, word: str) -> None:
     number = 0.37 if word in NUMBERED else None
@@ -157,9 +181,18 @@ def test_a_fish_is_placed_as_everywhere_else(plan: BodyPlan) -> None:
     np.testing.assert_allclose(table[:, 10:], wanted.colours[0] / 255, atol=1e-12)
 
 
-def test_gaits_swim_as_far_as_in_the_library() -> None:
-    fault = Fault("left_pectoral", "length", 0.5)
-    angles = (0.5, -1.0, 2.0)
+@pytest.mark.parametrize(
+    ("plan", "reactive"),
+    [
+        (AQUAFISH, False),
+        pytest.param(FOUR_FINS, False, marks=pytest.mark.slow),
+        pytest.param(TAIL_FISH, True, marks=pytest.mark.slow),
+        pytest.param(ODD, False, marks=pytest.mark.slow),
+    ],
+)
+def test_gaits_swim_as_far_as_in_the_library(plan: BodyPlan, reactive: bool) -> None:
+    fault = Fault(plan.names[0], "length", 0.5)
+    angles = (0.5, -1.0, 2.0, 0.3, -0.7)[: len(plan.fins)]
     given = {"angles": angles, "faults": as_facts(fault)}
     far = run_node(
         "const { angles, faults } = JSON.parse(process.env.GIVEN);"
@@ -167,11 +200,37 @@ def test_gaits_swim_as_far_as_in_the_library() -> None:
         "process.stdout.write(JSON.stringify(swum));",
         given,
         5.0,
+        plan,
+        reactive,
     )
-    robot = Damage((fault,)).edit(Scenario.create())
-    state = layout(AQUAFISH).start(np.array([angles]))[:, 0]
-    wanted = imagine(load_library(), robot, state, 5.0)  # in float32
+    robot = Damage((fault,)).edit(Scenario.create(plan=plan, reactive=reactive))
+    state = layout(plan).start(np.array([angles]))[:, 0]
+    wanted = imagine(gaits_of(plan), robot, state, 5.0)  # in float32
     np.testing.assert_allclose(far, [*wanted, wanted[0]], atol=0.005)
+
+
+@pytest.mark.parametrize(("plan", "reactive"), [(FOUR_FINS, False), (TAIL_FISH, True), (ODD, True)])
+def test_the_page_of_another_fish_swims_as_the_law_says(plan: BodyPlan, reactive: bool) -> None:
+    rng = np.random.default_rng(3)
+    state = random_state(rng, plan)[: layout(plan).state_numbers]
+    command = rng.uniform(plan.command_low, plan.command_high).tolist()
+    current = (0.1, -0.2, 0.05)
+    found = run_node(
+        "const { state, current, command } = JSON.parse(process.env.GIVEN);"
+        "const now = Float64Array.from(state);"
+        "for (let i = 0; i < 50; i += 1) step(now, WHOLE.rows, current, command);"
+        "process.stdout.write(JSON.stringify(Array.from(now)));",
+        {"state": state.tolist(), "current": current, "command": command},
+        plan=plan,
+        reactive=reactive,
+    )
+    of = law(plan)
+    robot = tuple(layout(plan).robots(plan.nominal[None])[:, 0].tolist())
+    by = of.driven((1.0,) * len(plan.fins), tuple(command), 0.01)
+    now = state_of(state.tolist())
+    for _ in range(50):
+        now = (of.step_reactive if reactive else of.step)(robot, now, by, current, 0.01)
+    np.testing.assert_allclose(found, state_numbers(now), atol=1e-12)
 
 
 def test_fins_that_break_and_mend_in_a_row_are_named() -> None:
