@@ -282,7 +282,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
 
     def _read_robot(self) -> None:
         truth = self._robot.robots.truth()
-        self._truth = {name: np.array(rows[0]) for name, rows in truth.items()}
+        self._truth = {n: np.array(r[0]) if r.ndim > 1 else r[0].item() for n, r in truth.items()}
 
     def _info(
         self,
@@ -300,7 +300,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
             info["is_success"] = succeeded
         info["fin_angles"] = np.array(self._fin_angles)
         for name, value in self._truth.items():
-            info[name] = value.copy() if value.ndim else value.item()
+            info[name] = value.copy() if type(value) is np.ndarray else value
         info.update(terms)
         return info
 

@@ -110,6 +110,8 @@ class Layout:
         fins = len(plan.fins)
         self._plan = plan
         self.joints = slice(JOINTS, JOINTS + 2 * fins)
+        self._cosines = slice(JOINTS, self.joints.stop, 2)
+        self._sines = slice(JOINTS + 1, self.joints.stop, 2)
         self.rates = slice(self.joints.stop, self.joints.stop + fins)
         self.state_numbers = self.rates.stop
         self.rpy = slice(self.state_numbers, self.state_numbers + 3)
@@ -125,7 +127,7 @@ class Layout:
 
     def angles(self, rows: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return fin angles (F, B) in rad of states in rows (state_rows, B), or (F,) of one's."""
-        cosines, sines = rows[self.joints][::2], rows[self.joints][1::2]
+        cosines, sines = rows[self._cosines], rows[self._sines]
         found: NDArray[np.float64] = np.arctan2(sines, cosines, dtype=np.float64)
         return found
 
@@ -147,8 +149,8 @@ class Layout:
         rows[FIELDS["velocity"]].T[:] = velocity
         rows[FIELDS["spin"]].T[:] = spin
         rows[self.rates].T[:] = rates
-        rows[self.joints][::2] = np.cos(fin_angles).T
-        rows[self.joints][1::2] = np.sin(fin_angles).T
+        rows[self._cosines] = np.cos(fin_angles).T
+        rows[self._sines] = np.sin(fin_angles).T
         return rows
 
     def robots(
