@@ -35,6 +35,7 @@ from aquafish_gym.utils.validation import (
 )
 from gait.controllers.agents import ControllerAgent
 from gait.controllers.controller import Controller, check_controllers, program_of
+from gait.controllers.network import Senses
 from gait.search.cma import FINALS_EVERY, REFINING, evolution_strategy
 from gait.search.templates import Template
 from gait.swims.poses import stream
@@ -264,6 +265,22 @@ def read_library(library: Path | PlanLike = AQUAFISH) -> dict[str, Any]:
 def load_library(library: Path | PlanLike = AQUAFISH) -> list[Controller]:
     """Return the gaits of a library, those for the whole robot first; see ``read_library``."""
     return [Controller.from_dict(one) for one in read_library(library)["gaits"]]
+
+
+def gaits_of(plan: BodyPlan, library: Path | None = None) -> list[Controller]:
+    """Return the gaits of a plan: of a library's file, or of the packaged one.
+
+    Without either, it is one that runs all servos at full speed.
+    """
+    if library is None and plan not in PACKAGED:
+        fins = len(plan.fins)
+        senses = Senses(fins=True)
+        weights = np.zeros((fins, len(senses.names(plan)) + fins))
+        full, body = np.ones(fins), Morphology.nominal(plan)
+        return [Controller(weights, full, full, 1.0, body, 0, None, senses, (fins,), "clip", 20)]
+    gaits = load_library(library or plan)
+    check_same_plan("library", gaits[0].plan, plan)
+    return gaits
 
 
 def check_library(library: Sequence[Controller], plan: BodyPlan, hold: int) -> list[Controller]:

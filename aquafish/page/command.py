@@ -8,9 +8,7 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
-from aquafish.online.gaits import load_library
 from aquafish.page.document import write_live_page
-from aquafish_gym.plans import check_plan, check_same_plan
 from aquafish_gym.runs.command_line import Plan
 from aquafish_gym.utils.storage import output_file
 from aquafish_gym.utils.validation import printable
@@ -28,15 +26,13 @@ class Page:
     html: Annotated[Path, arg(metavar="FILE")] = Path("fish.html")  #: The file.
     plan: Plan = "aquafish"
     library: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A library of gaits for the plan; without it, the packaged one, if there is one."""
+    """A library of gaits for the plan; without it, the packaged one, or all servos at full
+    speed."""
     reactive: bool = False  #: Whether the water has added mass.
 
     def execute(self) -> None:
         """Write the file."""
-        plan = check_plan(self.plan)
-        library = self.library or plan
-        if self.library is not None:
-            check_same_plan("library", load_library(self.library)[0].plan, plan)
-        path = write_live_page(output_file(self.html, "html"), library, self.reactive)
+        path = output_file(self.html, "html")
+        write_live_page(path, self.plan, self.library, self.reactive)
         size = f"{path.stat().st_size / 1e6:.2f} MB"
         print(printable(f"Page: {path} ({size}); open it in a browser"))

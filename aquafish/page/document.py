@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import gaits_of
 from aquafish.page.program import page_file, program
 from aquafish.viewer.live import GAIT_HORIZON_SECONDS
 from aquafish_gym.damage.words import PHRASES
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.plans import AQUAFISH, PlanLike
+from aquafish_gym.plans import AQUAFISH, PlanLike, check_plan
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import TRAILS
 from aquafish_gym.rendering.replay import css, packed_library, web_file, whole_page
@@ -38,7 +38,8 @@ BREAKS: Sequence[tuple[str, str, float]] = (
 
 def write_live_page(
     path: str | os.PathLike[str],
-    library: Path | PlanLike = AQUAFISH,
+    plan: PlanLike = AQUAFISH,
+    library: Path | None = None,
     reactive: bool = False,
 ) -> Path:
     """Write the page as one HTML file, and return its path.
@@ -47,15 +48,17 @@ def write_live_page(
     ----------
     path
         Of the file.
+    plan
+        Of the fish.
     library
-        A file of gaits, which say what fish it is, or a plan of which a library is packaged.
+        A file of its gaits. None is the packaged library of the plan, or all servos at full speed.
     reactive
         Whether the water has added mass.
 
     Raises
     ------
     InvalidArgumentError
-        If ``path`` cannot be the path of a file, or there is no library for the plan.
+        If ``path`` cannot be the path of a file, or the library is of another plan.
 
     Examples
     --------
@@ -63,14 +66,16 @@ def write_live_page(
     True
     """
     file_path("path", path)
-    write_bytes(path, live_page(library, reactive).encode())
+    write_bytes(path, live_page(plan, library, reactive).encode())
     return Path(path)
 
 
-def live_page(library: Path | PlanLike = AQUAFISH, reactive: bool = False) -> str:
+def live_page(
+    plan: PlanLike = AQUAFISH, library: Path | None = None, reactive: bool = False
+) -> str:
     """Return the page in which a fish swims, breaks and swims on, as HTML."""
-    gaits = load_library(library)
-    plan = gaits[0].plan
+    plan = check_plan(plan)
+    gaits = gaits_of(plan, library)
     code = program(gaits, reactive=flag("reactive", reactive))
     colours = {
         "water": css(scene.WATER_ABOVE),

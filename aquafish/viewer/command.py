@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
-from aquafish.online.gaits import PACKAGED, load_library
+from aquafish.online.gaits import PACKAGED, gaits_of
 from aquafish.viewer.door import viser_module
 from aquafish.viewer.live import (
     MAXIMUM_VIEWED_ROBOTS,
@@ -19,10 +19,9 @@ from aquafish.viewer.live import (
     pilot_of,
     random_pilot,
     self_model_pilot,
-    steady_pilot,
 )
 from aquafish.viewer.page import Viewer
-from aquafish_gym.plans import BodyPlan, check_plan, check_same_plan
+from aquafish_gym.plans import check_plan, check_same_plan
 from aquafish_gym.runs.command_line import EpisodeDamage, Plan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
@@ -44,11 +43,10 @@ class View:
     plan: Plan = "aquafish"
     reactive: bool = False  #: Whether the water has added mass.
     library: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A library of gaits for the plan, which the agent with a self-model needs; without it, the
-    packaged one, if there is one."""
+    """A library of gaits for the plan; without it, the packaged one, or all servos at full
+    speed."""
     controller: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A controller.json, as evolve and baseline write it; without it, a gait of the library, or all
-    servos at full speed."""
+    """A controller.json, as evolve and baseline write it; without it, a gait of the library."""
     policy: Annotated[str | None, arg(metavar="MODULE:FUNCTION")] = None
     """Your controller: a function from observation and time to an action, or what else
     ``gait.swim`` takes, such as an agent or a model of stable-baselines3."""
@@ -78,34 +76,21 @@ class View:
                 raise InvalidArgumentError(f"policy must be MODULE:FUNCTION; {error}") from None
             found["policy"] = pilot_of(policy)
         plan = check_plan(self.plan)
-        library = self._library(plan)
-        gaits = [Controller.load(self.controller)] if self.controller else library
-        if gaits:
-            check_same_plan("controller", gaits[0].plan, plan)
-            found["gait"] = gait_pilot(gaits[0])
-        else:
-            found["full speed"] = steady_pilot(plan)
+        library = gaits_of(plan, self.library)
+        gait = Controller.load(self.controller) if self.controller else library[0]
+        check_same_plan("controller", gait.plan, plan)
+        found["gait"] = gait_pilot(gait)
         found["random"] = random_pilot(self.seed, plan)
-        if self.robots == 1 and library:
+        if self.robots == 1:
             robot = Scenario.create(plan=plan, reactive=self.reactive)
-            own = library if self.library else None  # teachers stand beside the packaged one
+            packaged = self.library is None and plan in PACKAGED
+            own = None if packaged else library  # teachers stand beside the packaged one
             found["self-model"] = self_model_pilot(
                 self.gyro_noise, self.gyro_only, self.seed, robot, own
-            )
-        if self.gyro_only and "self-model" not in found:
-            raise InvalidArgumentError(
-                f"library must be given for the plan {plan.name}, of which none is packaged: "
-                "gyro_only is of the self-model, which needs one"
             )
         if self.gyro_only:  # the first one steers
             return {"self-model": found.pop("self-model"), **found}
         return found
-
-    def _library(self, plan: BodyPlan) -> list[Controller]:
-        """Return the gaits of the plan's library; none without one."""
-        if self.library is None and plan not in PACKAGED:
-            return []
-        return load_library(self.library or plan)
 
     def execute(self) -> None:
         """Serve the page until Ctrl-C."""

@@ -58,11 +58,6 @@ def random_pilot(seed: int, plan: BodyPlan = AQUAFISH) -> ViewerPilot:
     return pilot_of(lambda observations: rng.uniform(-1.0, 1.0, (len(observations), fins)))
 
 
-def steady_pilot(plan: BodyPlan) -> ViewerPilot:
-    """Return a pilot that runs all servos at full speed."""
-    return pilot_of(lambda observations: np.ones((len(observations), len(plan.fins))))
-
-
 def gait_pilot(gait: Controller) -> ViewerPilot:
     """Return a pilot that swims a gait."""
     if gait.senses.goal:

@@ -46,7 +46,7 @@ IN_A_ROW = (
 
 
 @functools.cache
-def gaits_of(plan: BodyPlan) -> list[Controller]:
+def some_gaits(plan: BodyPlan) -> list[Controller]:
     """Return the packaged gaits of AquaFish, or two random ones of another plan."""
     if plan == AQUAFISH:
         return load_library()
@@ -60,7 +60,7 @@ def gaits_of(plan: BodyPlan) -> list[Controller]:
 
 @functools.cache
 def program_of(plan: BodyPlan, seconds: float, reactive: bool) -> str:
-    return program(gaits_of(plan), seconds, reactive)
+    return program(some_gaits(plan), seconds, reactive)
 
 
 def run_node(
@@ -205,7 +205,7 @@ def test_gaits_swim_as_far_as_in_the_library(plan: BodyPlan, reactive: bool) -> 
     )
     robot = Damage((fault,)).edit(Scenario.create(plan=plan, reactive=reactive))
     state = layout(plan).start(np.array([angles]))[:, 0]
-    wanted = imagine(gaits_of(plan), robot, state, 5.0)  # in float32
+    wanted = imagine(some_gaits(plan), robot, state, 5.0)  # in float32
     np.testing.assert_allclose(far, [*wanted, wanted[0]], atol=0.005)
 
 
