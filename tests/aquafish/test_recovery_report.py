@@ -20,7 +20,7 @@ from aquafish_gym.utils.storage import encode_document
 COMMITTED = Path(__file__).parents[2] / "docs" / "recovery"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def report() -> dict[str, Any]:
     committed = json.loads((COMMITTED / "report.json").read_text(encoding="utf-8"))
     return build_report(committed["config"], committed["code"], committed["replicates"])

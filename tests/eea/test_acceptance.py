@@ -31,7 +31,7 @@ def test_inference_lies_between_knowing_and_not_knowing():
         out_of_band=OutOfBandConfig(period=25, sampled_models=4, inner_generations=12),
     )
     ideal, none, out_of_band = (
-        final_objectives(config.under(condition), range(3), "numba").mean()
+        final_objectives(config.under(condition), range(2), "numba").mean()
         for condition in ("ideal", "none", "out-of-band")
     )
     assert ideal > 0.87

@@ -79,6 +79,7 @@ def tiny(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unreported")
 def test_results_do_not_depend_on_workers_and_a_finished_study_is_left_alone(tiny, tmp_path, capfd):
     out = tmp_path / "new" / "study"
