@@ -85,7 +85,7 @@ class SelfModelAgent:
         self.dt = hold * TIMESTEP
         self._config = AgentConfig() if config is None else instance("config", config, AgentConfig)
         if robot is None:
-            robot = Scenario.create(plan=library[0].morphology.plan if library else AQUAFISH)
+            robot = Scenario.create(plan=library[0].plan if library else AQUAFISH)
         self._whole = instance("robot", robot, Scenario)
         if len(self._whole) != 1 or self._whole.servo_lag.any():
             raise InvalidArgumentError(

@@ -71,9 +71,7 @@ class GaitChooser:
         self.dt = dt
         self.events = events
         self.refined: deque[Gait] = deque(maxlen=thresholds.REFINED_GAITS)
-        self.action: NDArray[np.float32] = np.zeros(
-            len(library[0].morphology.plan.fins), np.float32
-        )
+        self.action: NDArray[np.float32] = np.zeros(len(library[0].plan.fins), np.float32)
         self._rng = np.random.default_rng(config.seed)
         self._rounds = 0
         self._efforts: list[Effort] = []  # of the refinements to come of both kinds of gaits

@@ -21,7 +21,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan, check_same_plan
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan, PlanLike, check_plan, check_same_plan
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -43,7 +43,7 @@ from gait.swims.scores import by_kind, penalize_diverged
 
 LIBRARY_SCHEMA = "aquafish.library/1"
 #: The packaged libraries of plans.
-PACKAGED = {AQUAFISH: "library.json"}
+PACKAGED = {AQUAFISH: "library.json", FOUR_FINS: "library_four_fins.json"}
 NORTHING = FIELDS["position"].start + 1
 
 
@@ -289,7 +289,7 @@ def check_library(library: Sequence[Controller], plan: BodyPlan, hold: int) -> l
         raise InvalidArgumentError(f"library must have a gait; got {brief(library)}")
     for gait in library:
         instance("library", gait, Controller)
-        check_same_plan("library", gait.morphology.plan, plan)
+        check_same_plan("library", gait.plan, plan)
         if gait.interval != hold or gait.senses.goal:
             raise InvalidArgumentError(
                 f"library must have gaits without a goal whose interval is hold, {hold} steps; "

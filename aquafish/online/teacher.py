@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,12 +18,13 @@ from typing import Any, Self
 
 import numpy as np
 
+from aquafish.online.gaits import load_library
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.plans import (
     AQUAFISH,
     BodyPlan,
     check_plan,
     check_same_plan,
-    plan_document,
 )
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.storage import read_document, read_packaged, write_document
@@ -34,7 +36,9 @@ from aquafish_gym.utils.validation import (
     instance,
     sequence,
 )
+from gait.controllers.controller import Controller
 from gait.controllers.dense import Singles
+from gait.controllers.network import Senses
 
 TEACHER_SCHEMA = "aquafish.teacher/1"
 INTERVAL = 20  # steps of 0.01 s that an action is held
@@ -130,7 +134,7 @@ class Teacher:
     def save(self, path: Path | str) -> None:
         """Write a file of some 35 KB: the weights in half precision, as base64."""
         document = {
-            **({} if self.plan == AQUAFISH else {"plan": plan_document(self.plan)}),
+            **plan_key(self.plan),
             "offline": self.offline,
             "curve": self.curve,
             "weights": encode_weights(self.weights),
@@ -157,6 +161,21 @@ def sensed(plan: BodyPlan) -> int:
 def privileged(plan: BodyPlan) -> int:
     """Return how many of the inputs, the last, are constant in a swim: sizes and servo gains."""
     return len(plan.dimensions) + len(plan.fins)
+
+
+@functools.cache
+def first_gait(plan: BodyPlan) -> Controller:
+    """Return the first gait of a plan's packaged library, whose action a teacher is given.
+
+    InvalidArgumentError if it is no feed-forward network.
+    """
+    gait = load_library(plan)[0]
+    if gait.memory or gait.senses != Senses(fins=True):
+        raise InvalidArgumentError(
+            f"teachers need a packaged library of the plan {plan.name} whose first gait is a "
+            f"feed-forward network that senses its fins; got {gait!r}"
+        )
+    return gait
 
 
 def encode_weights(weights: Mapping[str, Singles]) -> dict[str, str]:
@@ -221,4 +240,5 @@ def check_teachers(
     known, foreign = (instance("teachers", one, Teacher) for one in given)
     for one in (known, foreign):
         check_same_plan("teachers", one.plan, plan)
+    first_gait(plan)
     return known, foreign

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from aquafish.online import thresholds
-from aquafish.online.gaits import NORTHING, Effort, Search, load_library
-from aquafish.online.teacher import HIDDEN, INTERVAL, Teacher, privileged, sensed
+from aquafish.online.gaits import NORTHING, Effort, Search
+from aquafish.online.teacher import HIDDEN, INTERVAL, Teacher, first_gait, privileged, sensed
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
@@ -24,7 +23,6 @@ from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import up_and_north
 from aquafish_gym.utils.array_types import Floats
-from gait.controllers.controller import Controller
 from gait.controllers.dense import (
     EXPONENTIAL_LINEAR,
     HYPERBOLIC_TANGENT,
@@ -186,7 +184,7 @@ class TeacherNetwork:
         rows = np.arange(joints.start, joints.stop)
         self._fin_rows = rows.reshape(-1, 2)[:, ::-1].ravel()  # sine, then cosine
         self._weights = teacher.weights
-        first = _first_gait(plan)
+        first = first_gait(plan)
         self._gait = layers_of(first)
         changes = numbers * number_scales(plan)
         count = len(changes)
@@ -254,11 +252,6 @@ class TeacherNetwork:
         other._values = self._values.copy()
         other.phase = self.phase.copy()
         return other
-
-
-@functools.cache
-def _first_gait(plan: BodyPlan) -> Controller:
-    return load_library(plan)[0]
 
 
 def _turns(angles: Floats) -> Singles:

@@ -4,8 +4,9 @@ Two are for the whole robot, each other one for a robot that random damage broke
 for each gait the robot steps of 0.01 s that were simulated for it, and the CPU time in s.
 
     python -m experiments.gaits.library --out out/library.json
+    python -m experiments.gaits.library --plan four-fins --out out/library.json
 
-Two minutes on two cores. The packaged file is ``aquafish/online/library.json``.
+Some minutes on two cores. ``aquafish.online.gaits.PACKAGED`` names the packaged files.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from tyro.conf import arg
 
 from aquafish.online.gaits import LIBRARY_SCHEMA
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.damage.words import parts_of
+from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.runs.command_line import Plan, run_command_line
 from aquafish_gym.runs.progress import track
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.storage import read_document, write_document
@@ -31,7 +33,7 @@ from gait import Controller, EvolveConfig, evolve_gait
 from gait.search.cma import CANDIDATE_POSES
 
 SCORES = Path(__file__).parents[1] / "scores/results/runs/forward"
-WHOLE = ("PPO--fins", "CMA-ES--fins")  # of the reference scores
+WHOLE = ("PPO--fins", "CMA-ES--fins")  # the paper's fish's, of the reference scores
 SEARCH = EvolveConfig(
     search="cma", senses=("imu", "clock", "fins"), interval=20, restarts=3, generations=250
 )
@@ -49,19 +51,29 @@ class Library:
     """Gaits for broken robots: four of five severely, the others moderately."""
     seed: int = 7
     """Seed of the damage."""
+    plan: Plan = "aquafish"
+    reactive: bool = False
+    """Whether the water has added mass, too."""
 
     def execute(self) -> None:
-        """Write the library; takes five seconds a gait."""
-        scored = [read_document(SCORES / name / "100.json") for name in WHOLE]
-        found = [Controller.from_dict(one["controller"]) for one in scored]
-        # A curve's last row counts PPO's actions, or CMA-ES's generations.
-        steps = [scored[0]["curve"][-1][0] * SEARCH.interval, swum(scored[1]["curve"][-1][0])]
-        times = [read_document(SCORES / name / "100.times.json") for name in WHOLE]
-        seconds = [one["seconds"] for one in times]
-        robots = broken_robots(self.gaits, self.seed)
+        """Write the library; takes some seconds a gait."""
+        whole = Scenario.create(plan=self.plan, reactive=self.reactive)
+        robots = broken_robots(whole, self.gaits, self.seed)
+        found: list[Controller] = []
+        steps: list[int] = []
+        seconds: list[float] = []
+        if whole.plan == AQUAFISH and not self.reactive:
+            scored = [read_document(SCORES / name / "100.json") for name in WHOLE]
+            found = [Controller.from_dict(one["controller"]) for one in scored]
+            # A curve's last row counts PPO's actions, or CMA-ES's generations.
+            steps = [scored[0]["curve"][-1][0] * SEARCH.interval, swum(scored[1]["curve"][-1][0])]
+            times = [read_document(SCORES / name / "100.times.json") for name in WHOLE]
+            seconds = [one["seconds"] for one in times]
+        else:
+            robots = [whole, whole, *robots]
         for k, robot in enumerate(track(robots, "gaits", len(robots))):
             world = WorldConfig.of(robot)
-            config = replace(SEARCH, seed=k)
+            config = replace(SEARCH, seed=k, plan=self.plan)
             began = time.process_time()
             found.append(evolve_gait(robot.body[0], config, world=world).controller)
             seconds.append(time.process_time() - began)
@@ -82,14 +94,13 @@ def swum(generations: int) -> int:
     return swims * round(SEARCH.seconds / TIMESTEP)
 
 
-def broken_robots(count: int, seed: int) -> list[Scenario]:
+def broken_robots(whole: Scenario, count: int, seed: int) -> list[Scenario]:
     """Return robots whose body or servos random damage broke."""
     rng = np.random.default_rng(seed)
-    whole = Scenario.create(Morphology.nominal())
     found: list[Scenario] = []
     while len(found) < count:
         tier = rng.choice(["severe", "moderate"], p=[0.8, 0.2])
-        robot = Damage.parse(f"random:{tier}").sample(rng).edit(whole)
+        robot = Damage.parse(f"random:{tier}").sample(rng, parts_of(whole.plan)).edit(whole)
         if (robot.body != whole.body).any() or (robot.servo_gain != 1.0).any():
             found.append(robot)
     return found

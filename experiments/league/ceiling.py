@@ -46,7 +46,7 @@ def search_gait(
     robot
         A scenario of one.
     state
-        (25,) in which all swims begin.
+        (R,) in which all swims begin.
     seconds
         Their length.
     seed
@@ -64,7 +64,8 @@ def search_gait(
         order = np.argsort(-imagine(gaits, robot, state, seconds), kind="stable")
         return [gaits[i] for i in order[:count].tolist()]
 
-    network = Template.of_class("recurrent", first.senses, first.nodes - 3, first.interval)
+    hidden = first.nodes - len(first.plan.fins)
+    network = Template.of_class("recurrent", first.senses, hidden, first.interval, first.plan)
     random = network.controllers(network.random(RANDOM_NETWORKS, rng), first)
     starts = [(gait, SIGMA) for gait in best_of(random, RANDOM_STARTS)]
     for gait in best_of(recurrent, LIBRARY_STARTS):

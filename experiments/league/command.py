@@ -34,9 +34,11 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from aquafish_gym.bodies import plan_key
 from aquafish_gym.engines.packages import available_cores
+from aquafish_gym.plans import AQUAFISH, check_plan
 from aquafish_gym.rendering.pictures import save_figure
-from aquafish_gym.runs.command_line import Out
+from aquafish_gym.runs.command_line import Out, Plan
 from aquafish_gym.runs.jobs import finished
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.storage import write_document
@@ -78,7 +80,8 @@ class League:
 
     example: ClassVar[str] = "--entrants self-model blind --episodes 5 --out out/league"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "entrants", "tiers", "episodes", "seeds", "task", "water", "sensing", "workers",
+        "out", "entrants", "tiers", "episodes", "seeds", "plan", "task", "water", "sensing",
+        "workers",
     )  # fmt: skip
 
     out: Out = Path("out/league")
@@ -94,6 +97,7 @@ class League:
     """Set of the episodes. Make and tune agents on development alone, play held-out once."""
     first: int = 0
     """The first episode of the set."""
+    plan: Plan = "aquafish"
     task: Task = "recovery"
     """To swim on for the whole time, or to return to a line of buoys in time."""
     noise: float = 0.01
@@ -118,6 +122,13 @@ class League:
         for name, known in (("entrants", ENTRANTS), ("tiers", TIERS)):
             for one in getattr(self, name):
                 one_of(name, one, known)
+        plan = check_plan(self.plan)
+        for name in self.entrants:
+            if plan != AQUAFISH and not ENTRANTS[name].any_plan:
+                able = [one for one, entry in ENTRANTS.items() if entry.any_plan]
+                raise InvalidArgumentError(
+                    f"entrants of the plan {plan.name} must be of {', '.join(able)}; got {name!r}"
+                )
         integer("episodes", self.episodes, 1)
         integer("first", self.first, 0)
         finite_array("seconds", self.seconds, (), SECONDS, 3600.0, "s")
@@ -128,11 +139,11 @@ class League:
                     "water must not be current in the task return, which has its own; try still"
                 )
         check_workers(self.workers, self.scheduler)
-        conditions = self.noise, self.water, self.sensing, self.seconds, self.task
+        conditions = self.noise, self.water, self.sensing, self.seconds, self.task, plan
         numbers = episode_numbers(self.seeds, self.first, self.episodes)
         for tier in self.tiers:
             for number in numbers:
-                damage_of(tier, number, self.task)  # may lack the number
+                damage_of(tier, number, self.task, plan)  # may lack the number
         return [
             Episode(entrant, tier, number, *conditions)
             for number in numbers
@@ -156,7 +167,7 @@ class League:
         settings = {
             name: getattr(self, name)
             for name in ("noise", "water", "sensing", "seconds", "seeds", "first", "task")
-        }
+        } | plan_key(check_plan(self.plan))
         outputs = [f"{name}.md" for name in ("table", "times", "blind", "gain", "recognition")]
         with experiment(
             jobs, play, self.out, "a league", settings, (*outputs, "league.json", "pace.png"),
@@ -229,7 +240,7 @@ class League:
         """Return what was spent in an episode, and before the first one."""
         rows = [["entrant", "CPU s", "offline CPU s", "offline steps"]]
         for entrant in self.entrants:
-            offline = ENTRANTS[entrant].offline
+            offline = ENTRANTS[entrant].offline(check_plan(self.plan))
             spent = [one["seconds"]["cpu"] for tier in self.tiers for one in played[entrant, tier]]
             rows.append(
                 [

@@ -17,7 +17,8 @@ from aquafish.online.phases import Episode, Phase
 from aquafish.online.self_model import SelfModel
 from aquafish.online.teacher import Teacher
 from aquafish.online.teacher_gait import TeacherGait
-from aquafish_gym.scenario import CHANNELS
+from aquafish_gym.plans import AQUAFISH, BodyPlan
+from aquafish_gym.scenario import CHANNELS, Scenario
 from eea.core.angles import Floats
 from experiments.league.ceiling import search_gait
 from experiments.league.policy import ANY_WATER, SEEDS, FixedGait, Offline, Student, StudentAgent
@@ -46,12 +47,15 @@ class Entrant(Protocol):
 class Still:
     """No servo moves."""
 
+    def __init__(self, plan: BodyPlan = AQUAFISH) -> None:
+        self._action = [0.0 if fin.turns else -1.0 for fin in plan.fins]
+
     def begin(self, fin_angles: ArrayLike | None) -> None:
         """Begin an episode."""
 
     def act(self, observation: ArrayLike) -> ArrayLike:  # noqa: ARG002
         """Hold every servo."""
-        return (0.0, 0.0, -1.0)
+        return self._action
 
 
 class Unwatched(Episode):
@@ -142,9 +146,9 @@ def _student(twin: int | str) -> Student:
     return Student.load(MADE / f"policies/student-{twin}.json")
 
 
-def _library(*gaits: int) -> Offline:
-    """Return what some gaits of the library took; without numbers, all."""
-    spent = read_library()["offline"]
+def _library(*gaits: int, plan: BodyPlan = AQUAFISH) -> Offline:
+    """Return what some gaits of a plan's library took; without numbers, all."""
+    spent = read_library(plan)["offline"]
     chosen = gaits or range(len(spent["steps"]))
     return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
 
@@ -154,9 +158,9 @@ def _teachers() -> Offline:
     return _sum(*(_of(one) for one in (Teacher.load(), Teacher.load_any_water())))
 
 
-def _library_and_teachers() -> Offline:
-    """Return what the gaits and the teachers of the agent took."""
-    return _sum(_library(), _teachers())
+def _library_and_teachers(plan: BodyPlan = AQUAFISH) -> Offline:
+    """Return what the gaits and the teachers of a plan's agent took."""
+    return _sum(_library(plan=plan), *([_teachers()] if plan == AQUAFISH else []))
 
 
 def _of(teacher: Teacher) -> Offline:
@@ -172,27 +176,29 @@ def _sum(*spent: Offline) -> Offline:
 class Entry:
     """How an entrant is made, and what was spent on it before its first episode.
 
-    ``make`` takes settings of ``AgentConfig``, which tell what an agent may know of its sensors,
-    and the episode's number as ``seed``; ``spent`` reads the entrant's file. An episode of 60 s
-    takes about ``cpu`` CPU seconds, by which the league says how long it will take.
+    ``make`` takes the ``plan``, settings of ``AgentConfig``, which tell what an agent may know of
+    its sensors, and the episode's number as ``seed``; ``spent`` reads the entrant's file. An
+    episode of 60 s takes about ``cpu`` CPU seconds, by which the league says how long it will take.
+    Entrants of ``any_plan`` play other fish than the paper's; their ``spent`` takes the plan, too.
     """
 
     make: Callable[..., Entrant]
-    spent: Callable[[], Offline] = Offline
+    spent: Callable[..., Offline] = lambda **_: Offline()
     cpu: float = 0.3
+    any_plan: bool = False
 
-    @property
-    def offline(self) -> Offline:
-        """Simulated robot steps of 0.01 s, and CPU time in s."""
-        return self.spent()
+    def offline(self, plan: BodyPlan = AQUAFISH) -> Offline:
+        """Return simulated robot steps of 0.01 s, and CPU time in s."""
+        return self.spent(plan=plan) if self.any_plan else self.spent()
 
 
 def _self_model(
     kind: type[SelfModelAgent] = SelfModelAgent, cpu: float = 6.0, **more: Any
 ) -> Entry:
-    return Entry(
-        lambda **known: kind(config=AgentConfig(**known, **more)), _library_and_teachers, cpu
-    )
+    def make(plan: BodyPlan = AQUAFISH, **known: Any) -> SelfModelAgent:
+        return kind(config=AgentConfig(**known, **more), robot=Scenario.create(plan=plan))
+
+    return Entry(make, _library_and_teachers, cpu, any_plan=True)
 
 
 def _gait(number: int) -> Entry:
@@ -222,13 +228,15 @@ _FREE: dict[str, Any] = dict.fromkeys(
     ("inference_seconds", "refinement_seconds", "both_seconds", "quick_seconds"), 0.0
 )
 ENTRANTS: dict[str, Entry] = {
-    "still": Entry(lambda **_: Still()),
+    "still": Entry(lambda plan=AQUAFISH, **_: Still(plan), any_plan=True),
     "CMA-ES, fins": _gait(1),
     "PPO, fins": _gait(0),
     "RMA": _rma(*range(SEEDS)),
     "RMA, any water": _rma(ANY_WATER),
     "oracle, teacher alone": Entry(
-        lambda **known: ToldTeacher(config=AgentConfig(**known)),
+        lambda plan=AQUAFISH, **known: ToldTeacher(  # noqa: ARG005
+            config=AgentConfig(**known)
+        ),
         lambda: _sum(_library(0), _teachers()),
         1.0,
     ),

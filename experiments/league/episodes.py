@@ -15,6 +15,7 @@ from aquafish.online.agent import SelfModelAgent
 from aquafish.online.recognition import alike
 from aquafish_gym import held_out
 from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.draws import (
@@ -70,15 +71,20 @@ def count_damages(tier: str) -> int:
     return len(held_out("league")) if tier == HELD_OUT else 1
 
 
-def damage_of(tier: str, number: int, task: Task = "recovery") -> str:
+def damage_of(tier: str, number: int, task: Task = "recovery", plan: BodyPlan = AQUAFISH) -> str:
     """Return what breaks in an episode: of the development's numbers drawn, else of a list.
 
     Raises
     ------
     InvalidArgumentError
-        If the list lacks the number.
+        If the list lacks the number, or the tier breaks the fins of the paper's fish alone.
     """
     what = TIERS[tier]
+    if plan != AQUAFISH and (callable(what) or tier == HELD_OUT):
+        known = [name for name, one in TIERS.items() if isinstance(one, str) and name != HELD_OUT]
+        raise InvalidArgumentError(
+            f"tiers of the plan {plan.name} must be of {', '.join(known)}; got {tier!r}"
+        )
     if tier == HELD_OUT:
         damages = held_out("league")
         return damages[number % len(damages)]
@@ -87,8 +93,9 @@ def damage_of(tier: str, number: int, task: Task = "recovery") -> str:
     if number in SEEDS["development"]:
         return what(episode_rng(number, tier)) if callable(what) else f"random:{what}"
     name = tier if callable(what) else what
-    own = task == "return" and tier in RETURNS
-    return held_out(f"return {name}" if own else name, [number])[0]
+    if task == "return" and tier in RETURNS:
+        name = f"return {name}"
+    return held_out(name if plan == AQUAFISH else f"{plan.name} {name}", [number])[0]
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,7 @@ class Episode:
     sensing: Sensing = "fins"
     seconds: float = SECONDS
     task: Task = "recovery"
+    plan: BodyPlan = AQUAFISH
 
     @property
     def name(self) -> str:
@@ -123,7 +131,7 @@ class Episode:
         faults = [f"gyro:noise={self.noise!r}"] if self.noise else []
         if self.sensing == "gyroscope":
             faults += [f"{channel}:dropped" for channel in CHANNELS[:6]]
-        faults.append(damage_of(self.tier, self.number, self.task))
+        faults.append(damage_of(self.tier, self.number, self.task, self.plan))
         return "; ".join(filter(None, faults))
 
     @property
@@ -172,10 +180,12 @@ def play(episode: Episode) -> dict[str, Any]:
         damage=episode.damage or None,
         engine=engine_of(episode.water, (x, y)),
         reactive=episode.water == "reactive",
+        plan=episode.plan,
         **options,
     )
     observation, info = env.reset(seed=FIRST_SEED + episode.number)
     agent = ENTRANTS[episode.entrant].make(
+        plan=episode.plan,
         gyro_noise=episode.noise,
         gyro_only=episode.sensing == "gyroscope",
         seconds=episode.seconds,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import KNOWN_FINS
 from aquafish_gym.rendering.pictures import new_figure
 from eea.study.drawing import grid, legend_below
 from experiments.league.policy import DT
@@ -100,7 +100,7 @@ def recognition(results: Sequence[Result]) -> dict[str, Any]:
     found["at_once"] = sum(r and count <= 1 for r, count in zip(right, alarms, strict=True))
     found["named_fins"] = sum(
         any(
-            event[1] == "inferred" and any(fin in event[2] for fin in AQUAFISH.names)
+            event[1] == "inferred" and any(word in event[2] for word in KNOWN_FINS.values())
             for event in some
         )
         for some in events

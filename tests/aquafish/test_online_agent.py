@@ -17,7 +17,9 @@ from aquafish.online.calibration import ErrorCalibration
 from aquafish.online.case import Moment, Moments
 from aquafish.online.early import EarlyWatch
 from aquafish.online.gaits import (
+    PACKAGED,
     ControllerGait,
+    check_library,
     imagine,
     imagine_gaits,
     load_library,
@@ -29,11 +31,12 @@ from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, TAIL_FISH, BodyPlan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
 from gait import EvolveConfig, evaluate, evolve_gait
+from tests.plans import ODD
 
 QUICK = AgentConfig(seconds=60.0, generations=2, refinements=1)
 UNREFINED = AgentConfig(refinements=0)
@@ -52,7 +55,8 @@ def swim(
     """Return an agent after some steps of an episode, its robot's truth, and its actions."""
     env = gym.make("AquaFishRecovery-v0", damage=damage, engine=engine, **options)
     observation, info = env.reset(seed=1)
-    agent, actions = SelfModelAgent(config=config, teachers=teachers), []
+    robot = Scenario.create(plan=env.unwrapped.plan)
+    agent, actions = SelfModelAgent(config=config, robot=robot, teachers=teachers), []
     agent.begin(info["fin_angles"] if known else None)
     for _ in range(steps):
         actions.append(agent.act(observation))
@@ -74,6 +78,30 @@ def test_it_notices_infers_and_changes_its_gait() -> None:
     assert whats(agent).count("chose") == 2
     np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
+
+
+def test_it_swims_on_as_another_fish() -> None:
+    damage = "gyro:noise=0.01; fore_left:missing@15; hind_right:weak=0.5@15"
+    agent, info, _ = swim(damage, 85, NOISY, plan="four-fins")
+    assert whats(agent)[:4] == ["chose", "alarm", "inferred", "chose"]
+    np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
+    np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
+    assert len(agent.act(np.zeros(9))) == 4
+
+
+@pytest.mark.parametrize("plan", PACKAGED, ids=lambda plan: plan.name)
+def test_a_packaged_library_is_of_its_plan(plan: BodyPlan) -> None:
+    library = check_library(load_library(plan), plan, 20)
+    still = layout(plan).start(np.zeros((1, len(plan.fins))))[:, 0]
+    reactive = plan is TAIL_FISH
+    assert imagine(library[:1], Scenario.create(plan=plan, reactive=reactive), still, 20.0)[0] > 8.0
+
+
+def test_a_library_of_another_plan_is_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match="library must be of the plan four-fins; got"):
+        SelfModelAgent(load_library(), robot=Scenario.create(plan="four-fins"))
+    with pytest.raises(InvalidArgumentError, match="library must be given for the plan odd"):
+        SelfModelAgent(robot=Scenario.create(plan=ODD))
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from aquafish.online.teacher import Teacher, shapes_of
 from aquafish.online.teacher_gait import TeacherGait, TeacherNetwork, number_scales
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import layout
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, FOUR_FINS
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -100,6 +100,15 @@ def test_a_turned_course_is_the_world_turned_back(turn: float) -> None:
     aiming = TeacherNetwork(random_teacher(), numbers, BROKEN, PREVIOUS).act(still)
     plain = TeacherNetwork(random_teacher(), np.zeros((1, 7)), BROKEN, PREVIOUS).act(turned)
     np.testing.assert_allclose(aiming, plain, atol=1e-5)
+
+
+def test_a_teachers_file_says_its_plan(tmp_path: Path) -> None:
+    weights = {name: np.zeros(shape) for name, shape in shapes_of(FOUR_FINS).items()}
+    teacher = Teacher(weights, {"steps": 0, "seconds": 0.0}, plan=FOUR_FINS)
+    teacher.save(tmp_path / "teacher.json")
+    assert Teacher.load(tmp_path / "teacher.json").plan is FOUR_FINS
+    with pytest.raises(InvalidArgumentError, match="teachers must be of the plan aquafish"):
+        SelfModelAgent(teachers=(teacher, teacher))
 
 
 def test_a_file_keeps_half_precision(tmp_path: Path) -> None:

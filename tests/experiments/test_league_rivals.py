@@ -280,12 +280,12 @@ def test_only_an_entrant_with_measure_is_told_its_position(monkeypatch: pytest.M
     assert agents[0].heard == pytest.approx(found["way"][1:], abs=1e-6)
     still = play(Episode("still", "none", 0, 0.0, "still"))
     assert still["way"] == found["way"]
-    assert ENTRANTS["still"].offline == Offline()
+    assert ENTRANTS["still"].offline() == Offline()
 
 
 def test_an_entrant_knows_what_was_spent_on_it() -> None:
     for name in ("PPO, fins", "RMA", "trial and error", "self-model"):
-        steps, seconds = ENTRANTS[name].offline
+        steps, seconds = ENTRANTS[name].offline()
         assert steps > 1e7, name
         assert seconds > 10.0, name
 
@@ -297,5 +297,5 @@ def test_an_entrant_may_have_several_seeds_of_training() -> None:
     known, other, again = (entry.make(seed=number)._student.weights for number in range(3))  # type: ignore[attr-defined]
     assert (known["mix_w"] == again["mix_w"]).all()
     assert (known["mix_w"] != other["mix_w"]).any()
-    alone = [_rma(twin).offline.seconds for twin in twins]
-    assert entry.offline.seconds == pytest.approx(sum(alone) / len(alone), abs=0.2)
+    alone = [_rma(twin).offline().seconds for twin in twins]
+    assert entry.offline().seconds == pytest.approx(sum(alone) / len(alone), abs=0.2)

@@ -49,6 +49,8 @@ from gait.swims.evaluation import success_rate
 from tests.in_process import jobs_in_process
 from tests.pictures import is_drawn
 
+FISH = "four-fins"
+
 
 def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
     """Return an episode of 300 actions; its paces, units/s, share the time after the onset."""
@@ -77,6 +79,16 @@ def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert is_drawn(tmp_path / "pace.png")
     assert "| still | - | - |" in (tmp_path / "gain.md").read_text()
     assert "PPO, fins" in capsys.readouterr().out
+
+
+def test_other_fish_play_their_own_held_out_damages() -> None:
+    league = League(entrants=("blind", "self-model"), tiers=("severe",), episodes=2, plan=FISH)
+    severe = held_out(f"{FISH} severe@15-30", [0, 1])
+    wanted = [f"gyro:noise=0.01; {damage}" for damage in severe]
+    assert [job.damage for job in league.jobs()[::2]] == wanted
+    for wrong in ({"entrants": ("RMA",)}, {"tiers": ("three faults",)}, {"tiers": ("held-out",)}):
+        with pytest.raises(InvalidArgumentError, match=f"{next(iter(wrong))} of the plan {FISH}"):
+            replace(league, **wrong).jobs()  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
@@ -274,7 +286,7 @@ def test_a_current_begins_in_still_water() -> None:
     assert abs(way[-1] - way[-6]) < 0.6 * abs(way[onset + 5] - way[onset])
 
 
-def believed(alarms: int = 1, about: str = "caudal:missing", **more: Any) -> dict[str, Any]:
+def believed(alarms: int = 1, about: str = "the tail is missing", **more: Any) -> dict[str, Any]:
     """Return an episode that breaks at 10 s, is recognised, and changes its gait."""
     events = [[10.2 + k, "alarm", ""] for k in range(alarms)]
     events += [[10.4, "inferred", about], [10.6, "chose", ""], [11.0, "refined", ""]]
@@ -287,7 +299,7 @@ def test_recognition_counts_what_the_agent_knew_and_when() -> None:
         believed(),
         believed(alarms=2),
         believed(belief={"alike": False, "current": []}),
-        believed(about="up_x:dropped"),
+        believed(about="up_x gives no readings"),
     ]
     results[0]["events"].insert(0, [9.0, "chose", ""])  # before it broke
     results[2]["events"].append([20.0, "unknown", ""])
