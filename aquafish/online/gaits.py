@@ -21,7 +21,15 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan, PlanLike, check_plan, check_same_plan
+from aquafish_gym.plans import (
+    AQUAFISH,
+    FOUR_FINS,
+    TAIL_FISH,
+    BodyPlan,
+    PlanLike,
+    check_plan,
+    check_same_plan,
+)
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -42,8 +50,12 @@ from gait.swims.poses import stream
 from gait.swims.scores import by_kind, penalize_diverged
 
 LIBRARY_SCHEMA = "aquafish.library/1"
-#: The packaged libraries of plans.
-PACKAGED = {AQUAFISH: "library.json", FOUR_FINS: "library_four_fins.json"}
+#: The packaged libraries of plans; that of tail-fish is made in water with added mass.
+PACKAGED = {
+    AQUAFISH: "library.json",
+    FOUR_FINS: "library_four_fins.json",
+    TAIL_FISH: "library_tail_fish.json",
+}
 NORTHING = FIELDS["position"].start + 1
 
 
