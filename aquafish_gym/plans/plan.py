@@ -314,6 +314,9 @@ class BodyPlan:
     def _hash(self) -> int:
         return hash((self.name, self.hull, self.fins))
 
+    def __getstate__(self) -> dict[str, Any]:  # another process hashes texts otherwise
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the fins."""

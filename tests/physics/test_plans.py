@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -245,6 +249,18 @@ def test_a_world_is_for_any_plan() -> None:
     assert WorldConfig.of(fish) == WorldConfig(servo_gain=(1.0, 1.0)) == WorldConfig()
     with pytest.raises(InvalidArgumentError, match=r"one number, or 4 for fore_left, .*got \(1"):
         WorldConfig(servo_gain=(1.0, 0.5, 1.0)).edit(fish)
+
+
+def test_a_plan_of_another_process_is_found_among_ones_own() -> None:
+    code = (
+        "import pickle, sys; from aquafish_gym.plans import FOUR_FINS; hash(FOUR_FINS); "
+        "sys.stdout.buffer.write(pickle.dumps(FOUR_FINS))"
+    )
+    environment = os.environ | {"PYTHONHASHSEED": "1"}
+    pickled = subprocess.run(
+        [sys.executable, "-c", code], env=environment, check=True, capture_output=True
+    ).stdout
+    assert pickle.loads(pickled) in set(PLANS)
 
 
 def test_a_plan_is_asked_for_by_name_or_file(tmp_path: Path) -> None:
