@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
 from numpy.typing import NDArray
 
 from aquafish_gym.code_generation import robot_code
@@ -18,13 +19,14 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import Number, floor, fma, square_root, where_less
 from aquafish_gym.physics.layout import layout, state_of
 from aquafish_gym.physics.printing import C99, JAVASCRIPT, printed, trace
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.sense import observe
+from tests.plans import COMPILED_PLANS, plans
 
 CC, NODE = shutil.which("cc"), shutil.which("node")
 robot = robot_code()
-NAMES = {function.__name__: function for function in robot.functions}
+NAMES = [function.__name__ for function in robot.functions]
 Array = NDArray[np.float64]
 # Calls a function for each robot some times: (the arrays by parameter, (B, n) each, times).
 Caller = Callable[[dict[str, Array], int], None]
@@ -58,26 +60,35 @@ fs.writeFileSync(file, numbers);
 """
 
 
-def in_python(name: str, _folder: Path) -> Caller:
+def function_of(plan: BodyPlan, name: str) -> Callable[..., None]:
+    function: Callable[..., None] = getattr(robot_code(plan), name)
+    return function
+
+
+def in_python(name: str, _folder: Path, plan: BodyPlan = AQUAFISH) -> Caller:
+    function = function_of(plan, name)
+
     def call(arrays: dict[str, Array], times: int) -> None:
         lists = {key: table.tolist() for key, table in arrays.items()}
         for rows in zip(*lists.values(), strict=True):
             for _ in range(times):
-                NAMES[name](*rows)
+                function(*rows)
         for key, table in arrays.items():
             table[:] = lists[key]
 
     return call
 
 
-def in_c(name: str, folder: Path) -> Caller:
+def in_c(name: str, folder: Path, plan: BodyPlan = AQUAFISH) -> Caller:
     if CC is None:
         pytest.skip("there is no C compiler, cc")
-    sizes = robot.functions[NAMES[name]]
+    code_of, function = robot_code(plan), function_of(plan, name)
+    sizes = code_of.functions[function]
     arguments = ", ".join(f"arrays[{k}] + i * sizes[{k}]" for k in range(len(sizes)))
     loop = C_LOOP.replace("NAME", name).replace("ARGUMENTS", arguments)
-    code, library = folder / f"{name}.c", folder / f"{name}.so"
-    code.write_text("#include <math.h>\n" + robot.source(C99, NAMES[name], prefix="fish_") + loop)
+    stem = f"{name}_{hash(plan)}"
+    code, library = folder / f"{stem}.c", folder / f"{stem}.so"
+    code.write_text("#include <math.h>\n" + code_of.source(C99, function, prefix="fish_") + loop)
     warnings = ("-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
     flags = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-shared")
     if not library.exists():
@@ -93,12 +104,13 @@ def in_c(name: str, folder: Path) -> Caller:
     return call
 
 
-def in_javascript(name: str, folder: Path) -> Caller:
+def in_javascript(name: str, folder: Path, plan: BodyPlan = AQUAFISH) -> Caller:
     if NODE is None:
         pytest.skip("there is no JavaScript engine, node")
-    sizes = robot.functions[NAMES[name]]
+    code_of, function = robot_code(plan), function_of(plan, name)
+    sizes = code_of.functions[function]
     code, file = folder / f"{name}.js", folder / "numbers"
-    code.write_text(robot.javascript(NAMES[name]) + JAVASCRIPT_LOOP.replace("NAME", name))
+    code.write_text(code_of.javascript(function) + JAVASCRIPT_LOOP.replace("NAME", name))
 
     def call(arrays: dict[str, Array], times: int) -> None:
         file.write_bytes(b"".join(table.tobytes() for table in arrays.values()))
@@ -121,15 +133,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("printed")
 
 
-def random_arrays(name: str, count: int) -> dict[str, Array]:
+def random_arrays(name: str, count: int, plan: BodyPlan = AQUAFISH) -> dict[str, Array]:
     """Return the arrays of a function for random robots in any motion."""
     rng = np.random.default_rng(0)
-    bodies = rng.uniform(0, AQUAFISH.maxima, (count, 9)) * (rng.random((count, 9)) < 0.9)
+    fins, rows = len(plan.fins), layout(plan).state_numbers
+    bodies = rng.uniform(0, plan.maxima, (count, 3 * fins)) * (rng.random((count, 3 * fins)) < 0.9)
     drag, density = rng.uniform(0.2, 2.0, (count, 2)), rng.uniform(0.5, 2.0, (count, 1))
-    states = layout(AQUAFISH).start(
-        rng.uniform(-np.pi, np.pi, (count, 3)), rng.normal(0, 2, (count, 3)),
-        rng.normal(0, 3, (count, 3)), rng.normal(0, 3, (count, 3)),
-    ).T[:, :layout(AQUAFISH).state_numbers]  # fmt: skip
+    states = layout(plan).start(
+        rng.uniform(-np.pi, np.pi, (count, fins)), rng.normal(0, 2, (count, 3)),
+        rng.normal(0, 3, (count, 3)), rng.normal(0, 3, (count, fins)),
+    ).T[:, :rows]  # fmt: skip
     turned = rng.normal(size=(count, 4))
     states[:, :4] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     states[:, 4:7] = rng.normal(0, 10, (count, 3))
@@ -137,29 +150,48 @@ def random_arrays(name: str, count: int) -> dict[str, Array]:
         "sizes": bodies,
         "density": density,
         "drag": drag,
-        "fin_angles": rng.uniform(-7, 7, (count, 3)),
+        "fin_angles": rng.uniform(-7, 7, (count, fins)),
         "state": states,
-        "robot": layout(AQUAFISH).robots(bodies, drag, density[:, 0]).T,
+        "robot": layout(plan).robots(bodies, drag, density[:, 0]).T,
         "current": rng.normal(0, 0.3, (count, 3)),
-        "command": rng.uniform(AQUAFISH.command_low, AQUAFISH.command_high, (count, 3)),
+        "command": rng.uniform(plan.command_low, plan.command_high, (count, fins)),
         "goal": rng.normal(0, 60, (count, 3)),
         "observation": np.zeros((count, 12)),
     }
-    return {key: found[key].copy() for key in robot.functions[NAMES[name]]}
+    return {key: found[key].copy() for key in robot_code(plan).functions[function_of(plan, name)]}
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_call_is_plain_pythons(name: str, language: str, folder: Path) -> None:
+@pytest.mark.parametrize("plan", COMPILED_PLANS)
+def test_a_call_is_plain_pythons(plan: BodyPlan, name: str, language: str, folder: Path) -> None:
     """For 200 random bodies, states and commands."""
-    arrays, expected = random_arrays(name, 200), random_arrays(name, 200)
-    in_python(name, folder)(expected, 1)
-    LANGUAGES[language](name, folder)(arrays, 1)
+    assert_calls_agree(plan, name, language, folder, 200)
+
+
+def assert_calls_agree(
+    plan: BodyPlan, name: str, language: str, folder: Path, count: int, times: int = 1
+) -> None:
+    """Check calls against plain Python's: C to the bit, JavaScript to 1e-12."""
+    arrays, expected = (random_arrays(name, count, plan) for _ in range(2))
+    in_python(name, folder, plan)(expected, times)
+    LANGUAGES[language](name, folder, plan)(arrays, times)
     for key, table in arrays.items():
         if language == "c":
             np.testing.assert_array_equal(table, expected[key])
         else:
             np.testing.assert_allclose(table, expected[key], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", ["step", "step_reactive"])
+@settings(deadline=None, max_examples=12, suppress_health_check=[HealthCheck.too_slow])
+@given(plan=plans())
+def test_steps_of_random_plans_are_plain_pythons(
+    name: str, language: str, folder: Path, plan: BodyPlan
+) -> None:
+    assert_calls_agree(plan, name, language, folder, 5, 10)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
