@@ -12,10 +12,18 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.plans import AQUAFISH, check_plan
+from aquafish_gym.runs.command_line import Plan, run_command_line
 from aquafish_gym.utils.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import install_advice, integer, one_of
-from instruments.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
+from instruments.verification.report import (
+    OF_ANY_PLAN,
+    QUICK,
+    STUDIES,
+    Effort,
+    make_report,
+    tables_of,
+)
 
 
 @dataclass(frozen=True)
@@ -38,17 +46,20 @@ class Verification:
     """Print the tables in Markdown."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STUDY ...")] = ()
     """Some of the studies: agreement, single_precision, convergence, quadrature, mechanics,
-    strokes, reactive, real_fish, foreign."""
+    strokes, reactive, real_fish, foreign; of another fish than aquafish, one of the first five."""
+    plan: Plan = "aquafish"
 
     def execute(self) -> None:
         """Run the studies, print the tables and write what was asked for."""
         integer("seed", self.seed, 0)
-        names = [one_of("only", name, STUDIES) for name in self.only] or list(STUDIES)
+        plan = check_plan(self.plan)
+        known = STUDIES if plan == AQUAFISH else OF_ANY_PLAN
+        names = [one_of("only", name, known) for name in self.only] or list(known)
         if self.out is not None:
             ensure_writable_directory(self.out, "out")
         if "agreement" in names:
             check_engine("pybullet")
-        report = make_report(QUICK if self.quick else Effort(), self.seed, names)
+        report = make_report(QUICK if self.quick else Effort(), self.seed, names, plan)
         tables = tables_of(report)
         console = Console(highlight=False)
         for table in tables.values():

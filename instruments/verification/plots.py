@@ -153,8 +153,9 @@ def draw_quadrature(axes: Axes, records: Records, what: str) -> None:
     axes.grid(color=_GRID)
 
 
-def quadrature_figure(report: dict[str, Any], part: str = "any flipper") -> Figure:
-    """Return the errors of quadrature rules on one kind of fin."""
+def quadrature_figure(report: dict[str, Any]) -> Figure:
+    """Return the errors of quadrature rules on the first kind of fin."""
+    part = report["rows"][0]["part"]
     figure = new_figure(9.0, 4.2, _DPI)
     records = [r for r in report["rows"] if r["part"] == part]
     for axes, what in zip(figure.subplots(1, 2), ("force", "torque"), strict=True):

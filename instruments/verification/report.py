@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.validation import EngineUnavailableError
 from instruments.verification import (
@@ -68,17 +69,22 @@ class Studies:
         How much to do.
     seed
         All that is random follows from it.
+    plan
+        Of the robots of the studies ``OF_ANY_PLAN``.
     """
 
-    def __init__(self, effort: Effort, seed: int) -> None:
+    def __init__(self, effort: Effort, seed: int, plan: BodyPlan = AQUAFISH) -> None:
         self.effort = effort
         self.seed = seed
+        self.plan = plan
 
     def agreement(self) -> Report:
         """Compare the engines with each other."""
         e = self.effort
         rows = _once(
-            lambda: agreement.engines(e.robots, e.lane_robots, e.agreement_steps, self.seed),
+            lambda: agreement.engines(
+                e.robots, e.lane_robots, e.agreement_steps, self.seed, self.plan
+            ),
             "engines",
         )
         return {"seconds": e.agreement_steps * TIMESTEP, "rows": rows}
@@ -87,7 +93,7 @@ class Studies:
         """Compare float32 with float64 over ever longer times."""
         e = self.effort
         parts = track(
-            agreement.single_precision(e.lane_robots, e.durations, self.seed),
+            agreement.single_precision(e.lane_robots, e.durations, self.seed, self.plan),
             "float32",
             -(-e.lane_robots // agreement.AT_ONCE),
         )
@@ -95,7 +101,7 @@ class Studies:
 
     @functools.cached_property
     def _trials(self) -> Trials:
-        return random_trials(self.effort.robots, self.seed)
+        return random_trials(self.effort.robots, self.seed, self.plan)
 
     @functools.cached_property
     def _truths(self) -> NDArray[np.float64]:
@@ -135,7 +141,9 @@ class Studies:
                 for what, unit in convergence.WHAT.items()
             ],
             "rows": _once(
-                lambda: quadrature.study(e.quadrature_trials, self.seed, e.quadrature_points),
+                lambda: quadrature.study(
+                    e.quadrature_trials, self.seed, e.quadrature_points, self.plan
+                ),
                 "quadrature",
             ),
         }  # fmt: skip
@@ -145,7 +153,7 @@ class Studies:
         if not _has_mujoco():
             return None
         robots, seconds = self.effort.robots, self.effort.dry_seconds
-        found = track(mechanics.compare(robots, self.seed, seconds), "MuJoCo", robots)
+        found = track(mechanics.compare(robots, self.seed, seconds, self.plan), "MuJoCo", robots)
         return {"robots": robots, "seconds": seconds, "rows": mechanics.summary(list(found))}
 
     def foreign(self) -> Report | None:
@@ -179,13 +187,14 @@ class Studies:
         return _once(lambda: real_fish.study(quick), "real fish")
 
 
-STUDIES = (
-    "agreement", "single_precision", "convergence", "quadrature", "mechanics", "strokes",
-    "reactive", "real_fish", "foreign",
-)  # fmt: skip
+#: Those that verify any body plan; the others are of the paper's fish.
+OF_ANY_PLAN = ("agreement", "single_precision", "convergence", "quadrature", "mechanics")
+STUDIES = (*OF_ANY_PLAN, "strokes", "reactive", "real_fish", "foreign")
 
 
-def make_report(effort: Effort, seed: int, only: Iterable[str] = STUDIES) -> Report:
+def make_report(
+    effort: Effort, seed: int, only: Iterable[str] = STUDIES, plan: BodyPlan = AQUAFISH
+) -> Report:
     """Run some of the ``STUDIES``; see :class:`Studies`.
 
     Raises
@@ -193,7 +202,7 @@ def make_report(effort: Effort, seed: int, only: Iterable[str] = STUDIES) -> Rep
     EngineUnavailableError
         If PyBullet is missing and is to be compared.
     """
-    studies = Studies(effort, seed)
+    studies = Studies(effort, seed, plan)
     return {"seed": seed} | {name: getattr(studies, name)() for name in only}
 
 

@@ -11,46 +11,56 @@ import pytest
 
 import aquafish_gym
 from aquafish_gym.engines.api import check_engine, resolve_engine
-from aquafish_gym.plans import AQUAFISH
+from aquafish_gym.plans import AQUAFISH, BodyPlan
 from instruments.verification.agreement import (
     WHAT,
     quantiles,
     single_precision,
 )
-from instruments.verification.trials import random_trials
-
-Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-_rng = np.random.default_rng(9)
-NUISANCES: dict[str, np.ndarray] = {
-    "current": _rng.uniform(-0.5, 0.5, (24, 3)),
-    "drag": _rng.uniform(0.0, 3.0, (24, 2)),
-    "servo_gain": _rng.uniform(-2.0, 2.0, (24, 3)),
-    "lag": _rng.uniform(0.0, 0.5, 24),
-}
+from instruments.verification.trials import Trials, random_trials
+from tests.plans import COMPILED_PLANS
 
 
-def fifty_cases() -> Trial:
+def nuisances(plan: BodyPlan) -> dict[str, np.ndarray]:
+    """Return what else may differ from robot to robot, of 24."""
+    rng = np.random.default_rng(9)
+    return {
+        "current": rng.uniform(-0.5, 0.5, (24, 3)),
+        "drag": rng.uniform(0.0, 3.0, (24, 2)),
+        "servo_gain": rng.uniform(-2.0, 2.0, (24, len(plan.fins))),
+        "lag": rng.uniform(0.0, 0.5, 24),
+    }
+
+
+def fifty_cases(plan: BodyPlan = AQUAFISH) -> Trials:
     """Return random trials, among them fins of no size, of full size, and next to nothing."""
-    trials = random_trials(50, seed=0)
+    trials = random_trials(50, 0, plan)
     bodies = trials.morphologies
-    bodies[0], bodies[1] = 0.0, AQUAFISH.maxima
-    for i in range(len(AQUAFISH.dimensions)):
-        bodies[2 + i, i] = 0.0
-        bodies[11 + i, i] = AQUAFISH.maxima[i]
-    bodies[20, :3] = 0.0
-    bodies[21] = 1e-9
-    trials.commands[22] = 0.0
-    trials.commands[23] = 0.5, -0.5, 1.0
-    return bodies, trials.commands, trials.fin_angles
+    sizes = len(plan.dimensions)
+    bodies[0], bodies[1], bodies[2] = 0.0, plan.maxima, 1e-9
+    bodies[3, :3] = 0.0
+    trials.commands[4] = 0.0
+    trials.commands[5] = np.where(
+        np.arange(len(plan.fins)) % 2, plan.command_low, plan.command_high
+    )
+    for i in range(sizes):
+        bodies[6 + i, i] = 0.0
+        bodies[6 + sizes + i, i] = plan.maxima[i]
+    return trials
 
 
-def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
+def largest_gap(trials: Trials, steps: int, **settings: object) -> float:
     """Return the largest difference of the two engines in all that they log."""
+    *numbers, plan = trials
     ours, bullets = (
         aquafish_gym.simulate(
-            *trials, steps=steps, engine=engine, dtype="float64", record="pose", **settings
+            *numbers,
+            steps=steps,
+            engine=engine,
+            dtype="float64",
+            record="pose",
+            plan=plan,
+            **settings,
         )  # type: ignore[arg-type]
         for engine in ("numba", "pybullet")
     )
@@ -64,22 +74,20 @@ def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
 
 
 @pytest.mark.pybullet
+@pytest.mark.parametrize("plan", COMPILED_PLANS)
 @pytest.mark.parametrize("reactive", [False, True])
-def test_lanes_equal_pybullet(reactive: bool) -> None:
+def test_lanes_equal_pybullet(reactive: bool, plan: BodyPlan) -> None:
     """In fifty cases, and in all that differs from robot to robot, with any substeps."""
-    cases = fifty_cases()
+    cases = fifty_cases(plan)
     assert largest_gap(cases, steps=512, reactive=reactive) < 1e-9
     for substeps in (1, 4):
-        some: Trial = tuple(part[:24] for part in cases)  # type: ignore[assignment]
-        options = {**NUISANCES, "substeps": substeps, "reactive": reactive}
-        assert largest_gap(some, 96, **options) < 1e-9
+        options = {**nuisances(plan), "substeps": substeps, "reactive": reactive}
+        assert largest_gap(cases.rows(slice(24)), 96, **options) < 1e-9
 
 
 @pytest.mark.pybullet
 def test_lanes_equal_pybullet_for_twenty_seconds() -> None:
-    bodies, commands, angles = fifty_cases()
-    trials = bodies[20:26], commands[20:26], angles[20:26]
-    assert largest_gap(trials, steps=2000) < 1e-9
+    assert largest_gap(fifty_cases().rows(slice(2, 8)), steps=2000) < 1e-9
 
 
 def test_float32_stays_near_float64_at_the_median() -> None:

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from instruments.verification.__main__ import main
 from instruments.verification.propulsion import TAILS
+from instruments.verification.report import OF_ANY_PLAN
 from instruments.verification.strokes import flipper_stroke, tail_stroke
 from instruments.verification.tables import TABLES, make_tables
 from tests.pictures import is_drawn
@@ -49,6 +50,21 @@ def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
         assert swimming[tail, False, True] > swimming[tail, False, False]
     for name in PICTURES:
         assert is_drawn(out / f"{name}.png")
+
+
+@pytest.mark.slow
+@pytest.mark.pybullet
+def test_another_fish_is_verified_by_the_studies_of_any_plan(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--quick", "--plan", "tail-fish", "--out", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert set(report) == {"seed", *OF_ANY_PLAN}
+    bullet = [row for row in report["agreement"]["rows"] if row["engines"].startswith("PyBullet")]
+    assert all(row["maximum"] < 1e-9 for row in bullet)
+    assert {"any tail", "any fin"} <= {row["part"] for row in report["quadrature"]["rows"]}
+    assert main(["--quick", "--plan", "tail-fish", "--only", "strokes"]) == 2
+    assert "only must be one of agreement" in capsys.readouterr().err
 
 
 @pytest.mark.slow
