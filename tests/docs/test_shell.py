@@ -50,6 +50,7 @@ NOT_RUN = {
     "aquafish export own.json": "needs a NEAT run; below",
     "cc -std=c99 -Down_TEST": "needs a NEAT run; below",
     "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
+    "python examples/evolving_plans.py": "minutes; tests/gait/test_other_bodies_swim.py",
 }
 TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"
 #: What makes commands shorter, by how they begin.

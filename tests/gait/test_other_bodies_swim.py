@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -135,3 +136,19 @@ def test_the_commands_take_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[
     capsys.readouterr()
     assert main(["export", gait, "--plan", "four-fins", "--model", str(tmp_path / "x.c")]) == 2
     assert "a controller, which has a plan of its own" in capsys.readouterr().err
+
+
+def test_an_example_of_sixty_lines_evolves_a_plan(tmp_path: Path) -> None:
+    script = Path(__file__).parents[2] / "examples" / "evolving_plans.py"
+    code = script.read_text(encoding="utf-8").rpartition('"""\n\nimport')[2]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 60
+    example = runpy.run_path(str(script))
+    for genome in example["GENES"].random(100, np.random.default_rng(0)):
+        fish = example["fish_of"](genome)
+        right = fish.plan.fins[1]
+        assert right.hinge[0] - fish.right_pectoral[0] / 2 >= fish.plan.hull.radius - 1e-9
+    config = EvolveConfig(random_candidates=10, **SHORT)
+    picture = tmp_path / "plan.png"
+    far = example["main"](str(picture), count=1, rounds=1, short=config, long=config)
+    assert np.isfinite(far).all()
+    assert picture.read_bytes().startswith(b"\x89PNG")
