@@ -74,7 +74,7 @@ def check_plan(plan: object) -> BodyPlan:
             found = PLANS[one_of("plan", plan, (*PLANS, "FILE.json"))]
         case _:
             raise InvalidArgumentError(
-                "plan must be a BodyPlan, a name of PLANS or a JSON file of a plan; "
+                "plan must be a BodyPlan, a name of PLANS or the path of a JSON file, as text; "
                 f"got {brief(plan)}"
             )
     if not found.words.keys() <= KNOWN_FINS.keys():

@@ -40,8 +40,13 @@ LONGEST_MOUNT = 1.0
 _LARGEST = 100.0  # units, of a hull or a fin
 _MOST_FINS = 16
 _ROUNDING = 1e-9
-# What damage and files call by these names is no fin.
-_TAKEN = re.compile(r"(act|obs).*|gyro(_[xyz])?|(up|north)_[xyz]|random|none|time|trial")
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_WORD = re.compile(r"[\w' -]*")
+# What damage, files, a Morphology, inference and pictures call by these names is no fin.
+_TAKEN = re.compile(
+    r"(act|obs).*|gyro(_[xyz])?|(up|north)_[xyz]|random|none|time|trial"
+    r"|sizes|plan|nominal|coerce|(from|to)_.*|lag|body|.*_(mount|break)"
+)
 
 
 class Sizes(NamedTuple):
@@ -149,14 +154,10 @@ class FinPlan:
     sweep: float = 0.0
     """How far the fin sweeps to each side, rad; only for one that ``sweeps``."""
     word: str = ""
-    """What people call it, such as "left flipper"; by default the name."""
+    """What people call it, such as "left flipper", in letters; by default the name."""
 
     def __post_init__(self) -> None:
-        if (
-            not isinstance(self.name, str)
-            or not self.name.isidentifier()
-            or not self.name.islower()
-        ):
+        if not isinstance(self.name, str) or not _NAME.fullmatch(self.name):
             raise InvalidArgumentError(
                 "a fin's name must be lower-case letters, digits and _, such as left_pectoral; "
                 f"got {brief(self.name)}"
@@ -188,7 +189,11 @@ class FinPlan:
         object.__setattr__(
             self, "sweep", float(finite_array(f"{at}sweep", self.sweep, (), low, high, "rad"))
         )
-        word = instance(f"{at}word", self.word, str) or self.name.replace("_", " ")
+        word = instance(f"{at}word", self.word, str).strip() or self.name.replace("_", " ")
+        if not _WORD.fullmatch(word):
+            raise InvalidArgumentError(
+                f"{at}word must be letters, digits, spaces, - and '; got {brief(word)}"
+            )
         object.__setattr__(self, "word", word)
         largest = finite_array(f"{at}largest", self.largest, (3,), QUANTUM, _LARGEST, "units")
         nominal = finite_array(f"{at}nominal", self.nominal, (3,), 0.0, largest, "units")
@@ -412,8 +417,11 @@ class BodyPlan:
 def check_same_plan(argument: str, plan: BodyPlan, wanted: BodyPlan) -> None:
     """Raise InvalidArgumentError if an argument is of another plan than the robots."""
     if plan != wanted:
+        another = (
+            "another plan of that name" if plan.name == wanted.name else f"the plan {plan.name}"
+        )
         raise InvalidArgumentError(
-            f"{argument} must be of the plan {wanted.name}; got one of the plan {plan.name}"
+            f"{argument} must be of the plan {wanted.name}; got one of {another}"
         )
 
 

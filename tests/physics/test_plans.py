@@ -240,6 +240,26 @@ def test_what_is_of_another_plan_is_refused() -> None:
             ask()
 
 
+def test_a_fin_has_no_name_of_something_else() -> None:
+    """Of a body's attributes, of the numbers that inference fits, or of what is drawn."""
+    from aquafish_gym.rendering.scene import drawn_parts
+    from eea.fish.joint import fish_numbers
+    from eea.fish.swim_log import log_columns
+
+    body = Morphology.nominal()
+    theirs = {*dir(body), *fish_numbers(AQUAFISH), *drawn_parts(AQUAFISH), *log_columns(AQUAFISH)}
+    for name in {*theirs, "Tail", "_tail", "fl\xfcgel", "\ufb01n", ""} - set(AQUAFISH.names):
+        with pytest.raises(InvalidArgumentError, match="a fin's name must"):
+            replace(AQUAFISH.fins[0], name=name)
+
+
+@pytest.mark.parametrize("word", ["a\nb", "<b>", "$x$", "50%"])
+def test_a_fins_word_is_words(word: str) -> None:
+    with pytest.raises(InvalidArgumentError, match="word must be letters"):
+        replace(AQUAFISH.fins[0], word=word)
+    assert replace(AQUAFISH.fins[0], word=" fl\xfcgel ").word == "fl\xfcgel"
+
+
 def test_a_world_is_for_any_plan() -> None:
     fish = Scenario.create(plan=FOUR_FINS)
     weak = WorldConfig(servo_gain=(1.0, 0.5, 1.0, 0.0))
