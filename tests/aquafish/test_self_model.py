@@ -20,9 +20,9 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import CHANNELS, Scenario
-from tests.plans import ODD, PLANS
+from tests.plans import COMPILED_PLANS, PLANS
 
 STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
 FINS = np.array([0.4, -1.0, 2.0])
@@ -64,7 +64,7 @@ def test_difference_undoes_moved(plan: BodyPlan, data: st.DataObject) -> None:
     np.testing.assert_allclose(found, error, atol=1e-12)
 
 
-@pytest.mark.parametrize("plan", [AQUAFISH, FOUR_FINS, ODD], ids=lambda plan: plan.name)
+@pytest.mark.parametrize("plan", COMPILED_PLANS)
 def test_the_model_of_the_same_robot_follows_it_exactly(plan: BodyPlan) -> None:
     fins = np.linspace(-1.0, 2.0, len(plan.fins))
     scenario = Scenario.create(fin_angles=fins, plan=plan)

@@ -41,8 +41,14 @@ PAGES = {
 }
 WITH_PYTHON = [page for page, blocks in PAGES.items() if blocks]
 CHECKED_IN_FULL = ("README.md", "docs/tutorial.md")
-# Nightly: their blocks take ten seconds and more.
-LONG = ("docs/howto/export.md", "docs/howto/logs.md", "docs/howto/robot.md", "docs/swimming_on.md")
+# Nightly: their blocks take many seconds, or compile the kernels of other fish.
+LONG = (
+    "docs/environments/fish.md",
+    "docs/howto/export.md",
+    "docs/howto/logs.md",
+    "docs/howto/robot.md",
+    "docs/swimming_on.md",
+)
 
 
 def outputs(
