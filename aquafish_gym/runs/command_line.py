@@ -51,7 +51,7 @@ from aquafish_gym.utils.validation import (
 
 try:
     import tyro
-    from tyro.conf import arg
+    from tyro.conf import FlagCreatePairsOff, arg
 
     from aquafish_gym.runs.command_help import (
         FULL_HELP,
@@ -139,6 +139,10 @@ Plan = Annotated[
         metavar="PLAN",
         help=f"Body plan of the robot: {', '.join(PLANS)}, or a JSON file of one (BodyPlan).",
     ),
+]
+Reactive = Annotated[
+    FlagCreatePairsOff[bool],
+    arg(help="Water that also resists acceleration, as around TailFish-v0 (docs/physics.md)."),
 ]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
 

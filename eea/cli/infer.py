@@ -14,6 +14,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import (
     OptionalOut,
     Plan,
+    Reactive,
     Threads,
     check_threads,
     read_morphology,
@@ -65,6 +66,7 @@ class Infer:
     seed: int = 0  #: Seed of everything random.
     truth: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file of the true body, if it is known: the report then has the errors."""
+    reactive: Reactive = False
     threads: Threads = None
 
     def execute(self) -> None:
@@ -86,7 +88,7 @@ class Infer:
             with waiting(f"fitting {count}, {sum(log.seconds):.3g} s of swimming") as doing:
                 result = infer_log(
                     log, joint, self.seed, truth, moving=moving, check=True, progress=doing,
-                    threads=self.threads,
+                    threads=self.threads, reactive=self.reactive,
                 )  # fmt: skip
             lines = body_lines(result)
             if folder is not None:
@@ -104,6 +106,7 @@ class Infer:
             **plan_key(log.plan),
             "log": digest.hexdigest()[:16],
             "start": self.start,
+            **({"reactive": True} if self.reactive else {}),
             "joint": asdict(joint),
             "seed": self.seed,
             "truth": None if truth is None else truth.to_dict(),

@@ -17,6 +17,7 @@ from aquafish_gym.runs.command_line import (
     Given,
     Out,
     Plan,
+    Reactive,
     TargetEngine,
     TargetMorphology,
     Threads,
@@ -74,6 +75,7 @@ class Run(Given):
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
+    reactive: Reactive = False
     threads: Threads = None
 
     def config(self) -> Config:
@@ -100,15 +102,18 @@ class Run(Given):
             "target_engine": resolve_engine("target_engine", self.target_engine),
             "gap": asdict(self.gap),
             "current": self.current,
+            **({"reactive": True} if self.reactive else {}),
         }
         rng = streams(self.seed)["target"]
         check_folder(self.out, KIND, settings)  # before the target's first trial is compiled
         target = EngineTarget(
-            intact, damage, rng, config.steps, self.target_engine, self.current, gap=self.gap
-        )
+            intact, damage, rng, config.steps, self.target_engine, self.current, gap=self.gap,
+            reactive=self.reactive,
+        )  # fmt: skip
         session = fish_eea(
-            target, config, self.seed, target.morphology, current=self.current, threads=self.threads
-        )
+            target, config, self.seed, target.morphology, current=self.current,
+            threads=self.threads, reactive=self.reactive,
+        )  # fmt: skip
         with result_folder(self.out, KIND, settings):
             _fill(self.out, session, intact.plan)
 

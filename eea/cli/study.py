@@ -17,6 +17,7 @@ from aquafish_gym.runs.command_line import (
     Given,
     Out,
     Plan,
+    Reactive,
     TargetEngine,
     TargetMorphology,
     read_morphology,
@@ -89,6 +90,7 @@ class StudyCommand(Given):
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: Differences of the target's world from the models' world.
     gap: RealityGap = field(default_factory=RealityGap)
+    reactive: Reactive = False
     #: Processes, each with one replicate at a time on one core; None for one a core. Results do not
     #: depend on it.
     workers: int | None = None
@@ -119,6 +121,7 @@ class StudyCommand(Given):
                 self.current,
                 self.gap,
                 self.held_out,
+                self.reactive,
             ),
         )
 

@@ -17,7 +17,7 @@ from eea.cli.log_options import Between, ColumnMap, LogFile, column_map
 from eea.cli.progress import waiting
 from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim
-from eea.fish.hypotheses import plan_of
+from eea.fish.hypotheses import is_reactive, plan_of
 from eea.fish.swim_log import SwimLog
 from eea.infer.known import check_alarm
 
@@ -75,6 +75,7 @@ class Watch:
         with waiting(f"watching {sum(log.seconds):.3g} s of swimming") as doing:
             found = watch_swim(
                 log, belief, alarm=self.alarm, seed=self.seed, threads=self.threads,
+                reactive=is_reactive(belief.robot),
                 progress=lambda done, total: doing(f"window {done} of {total}"),
             )  # fmt: skip
         print(found)

@@ -26,6 +26,12 @@ def plan_of(robot: RobotModel) -> BodyPlan:
     return AQUAFISH if robot.plan is None else check_plan(robot.plan)
 
 
+def is_reactive(robot: RobotModel) -> bool:
+    """Return whether the water resists acceleration, unless the trials tell otherwise."""
+    water = robot.table.get(REACTIVE_WATER)
+    return water is not None and water.mean == 1.0
+
+
 @functools.cache
 def servo_names(plan: BodyPlan) -> dict[str, str]:
     """Return the name of the switch of each fin's servo."""
@@ -54,11 +60,15 @@ def fault_hypothesis(plan: BodyPlan, fin: str, word: str) -> Hypothesis:
 
 
 @functools.cache
-def fault_hypotheses(plan: BodyPlan) -> tuple[Hypothesis, ...]:
-    """Return what may be broken, but the sizes of fins.
+def fault_hypotheses(plan: BodyPlan, reactive: bool = False) -> tuple[Hypothesis, ...]:
+    """Return what may be broken, but the sizes of fins, and that the water is of the other kind.
 
     A sweep is symmetric: reversal only shifts its phase.
     """
+    if reactive:
+        water = Hypothesis("the water does not resist acceleration", {REACTIVE_WATER: 0.0})
+    else:
+        water = Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0})
     return (
         *(
             fault_hypothesis(plan, fin.name, word)
@@ -66,5 +76,5 @@ def fault_hypotheses(plan: BodyPlan) -> tuple[Hypothesis, ...]:
             for fin in plan.fins
             if fin.turns or word != "reversed"
         ),
-        Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0}),
+        water,
     )

@@ -233,7 +233,7 @@ def size_numbers(plan: BodyPlan) -> dict[str, Number]:
     return {d.name: Number(0.0, d.maximum) for d in plan.dimensions}
 
 
-def switch_numbers(plan: BodyPlan) -> dict[str, Number]:
+def switch_numbers(plan: BodyPlan, reactive: bool = False) -> dict[str, Number]:
     """Return the numbers that change only where something is broken or assumed otherwise."""
     servos = servo_names(plan)
     # A sweep is symmetric: reversal only shifts its phase.
@@ -242,18 +242,20 @@ def switch_numbers(plan: BodyPlan) -> dict[str, Number]:
             servos[fin.name]: Number(-1.0 if fin.turns else 0.0, 1.0, mean=1.0, switch=True)
             for fin in plan.fins
         },
-        REACTIVE_WATER: Number(0.0, 1.0, mean=0.0, switch=True),
+        REACTIVE_WATER: Number(0.0, 1.0, mean=float(reactive), switch=True),
     }
 
 
-def fish_numbers(plan: BodyPlan, windows: LogWindows | None = None) -> dict[str, Number]:
+def fish_numbers(
+    plan: BodyPlan, windows: LogWindows | None = None, reactive: bool = False
+) -> dict[str, Number]:
     """Return the fish's numbers in trials from rest, or in the windows of a log."""
     begun = windows is not None and windows.begun > 0
     return {
         **size_numbers(plan),
         **({} if begun else CURRENTS),
         **NUISANCES,
-        **switch_numbers(plan),
+        **switch_numbers(plan, reactive),
         **(STARTS if begun else {}),
         # The share of the time between two rows after which a command changed.
         **{name: Number(0.0, 1.0, varies=True) for name in change_names(windows)},
@@ -280,9 +282,9 @@ def fish_robot(simulator: EngineSimulator, windows: LogWindows | None = None) ->
     plan = simulator.plan
     return Robot(
         partial(fish_signal, simulator=simulator, windows=windows),
-        fish_numbers(plan, windows),
+        fish_numbers(plan, windows, simulator.reactive),
         {f"gyro {axis}": "rad/s" for axis in "xyz"},
-        hypotheses=fault_hypotheses(plan),
+        hypotheses=fault_hypotheses(plan, simulator.reactive),
         parts={
             word: Part(
                 {d.name: d.size for d in plan.dimensions if d.fin == fin},

@@ -129,7 +129,7 @@ def estimate_morphology(
     plan
         The body plan; None for that of a ``Morphology``, else the paper's.
     **simulator
-        See ``EngineSimulator``. The current and the substeps hold for the target too.
+        See ``EngineSimulator``. The current, the substeps and ``reactive`` hold for the target too.
     """
     settings = checked_config(config)
     callback("progress", progress)
@@ -142,5 +142,6 @@ def estimate_morphology(
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
         plan=plan,
+        reactive=simulator.get("reactive", False),
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

@@ -37,6 +37,7 @@ class SimulatorOptions(TypedDict, total=False):
     current: ArrayLike
     substeps: int
     threads: int | None
+    reactive: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,7 @@ class EngineSimulator(Simulator):
     current: ArrayLike = (0.0, 0.0, 0.0)
     substeps: int = 1
     threads: int | None = None
+    reactive: bool = False
     plan: BodyPlan = AQUAFISH  #: The candidates' body plan.
 
     def __post_init__(self) -> None:
@@ -90,5 +92,11 @@ class EngineSimulator(Simulator):
         if steps < SHORTEST_SPECTRUM_STEPS:
             return None
         return SpectralComparer(
-            steps, self.dtype or "float32", self.current, self.substeps, self.threads, self.plan
+            steps,
+            self.dtype or "float32",
+            self.current,
+            self.substeps,
+            self.threads,
+            self.reactive,
+            self.plan,
         )

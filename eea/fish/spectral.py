@@ -37,6 +37,7 @@ class SpectralComparer(NamedTuple):
     current: ArrayLike
     substeps: int
     threads: int | None
+    reactive: bool
     plan: BodyPlan
 
     def to_observed(
@@ -53,7 +54,11 @@ class SpectralComparer(NamedTuple):
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
         scenario = Scenario.create(
-            trials.models, fin_angles=trials.angles, current=self.current, plan=self.plan
+            trials.models,
+            fin_angles=trials.angles,
+            current=self.current,
+            reactive=self.reactive,
+            plan=self.plan,
         )
         lanes = LaneBatch(scenario, getattr(np, self.dtype), self.substeps, self.threads)
         return lanes.spectra(check_commands(self.plan, trials.commands), self.steps, DEGREES)

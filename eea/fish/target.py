@@ -43,11 +43,11 @@ class EngineTarget:
     rng
         Draws the hidden angles over the whole turn, the phases of fins that sweep over the whole
         cycle.
-    steps, engine, current, substeps
+    steps, engine, current, substeps, reactive
         See ``aquafish_gym.simulate``.
     gap
-        Differences of the target's world from the models' world; ``current`` and ``substeps``
-        describe the latter. The hidden angles are the same for all gaps.
+        Differences of the target's world from the models' world; ``current``, ``substeps`` and
+        ``reactive`` describe the latter. The hidden angles are the same for all gaps.
     plan
         The body plan; None for that of a ``Morphology``, else the paper's.
 
@@ -74,6 +74,7 @@ class EngineTarget:
         substeps: int = 1,
         gap: RealityGap = NO_GAP,
         plan: PlanLike | None = None,
+        reactive: bool = False,
     ) -> None:
         instance("gap", gap, RealityGap)
         if rng is not None:
@@ -89,7 +90,9 @@ class EngineTarget:
         self._gap = gap
         self._steps = steps
         self._substeps = substeps * gap.substeps
-        world = gap.edit(Scenario.create(intact, current=current, plan=self.plan))
+        world = gap.edit(
+            Scenario.create(intact, current=current, reactive=reactive, plan=self.plan)
+        )
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
         for gain in self._scenario.servo_gain:

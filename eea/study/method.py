@@ -138,6 +138,7 @@ class MethodSettings:
     steps: int  #: Samples of a trial, 0.01 s each.
     current: tuple[float, float, float]  #: Velocity of the water, units/s.
     plan: BodyPlan = AQUAFISH  #: The robot's body plan.
+    reactive: bool = False  #: Whether the water also resists acceleration.
     _simulated: list[int] = field(default_factory=lambda: [0], repr=False)
 
     def simulate(self, bodies: ArrayLike, commands: ArrayLike, angles: ArrayLike) -> Floats:
@@ -149,7 +150,9 @@ class MethodSettings:
         problem = fish_problem(self.plan)
         rows = finite("bodies", bodies, (None, len(problem.models)))
         self._simulated[0] += len(rows)
-        simulator = EngineSimulator(self.steps, current=self.current, threads=1, plan=self.plan)
+        simulator = EngineSimulator(
+            self.steps, current=self.current, threads=1, reactive=self.reactive, plan=self.plan
+        )
         held = finite("commands", commands, (len(rows), len(problem.actions)))
         begun = finite("angles", angles, (len(rows), len(problem.hidden)))
         return np.asarray(simulator.simulate(Trials(rows, held, begun)).gyro, dtype=np.float64)

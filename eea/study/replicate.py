@@ -53,6 +53,7 @@ class StudyWorld:
     gap: RealityGap = field(default_factory=RealityGap)
     #: Whether the damage is, seed by seed, the next one of the list ``held_out_list``.
     held_out: bool = False
+    reactive: bool = False  #: Whether the water of target and models also resists acceleration.
 
     def __post_init__(self) -> None:
         check_row("current", self.current)
@@ -108,6 +109,7 @@ class Replicate:
         return EngineTarget(
             world.morphology, world.damage_of(self.seed), streams(self.seed)["target"],
             self.config.steps, world.target_engine, world.current, gap=world.gap,
+            reactive=world.reactive,
         )  # fmt: skip
 
     def session(self) -> Session[Any]:
@@ -122,7 +124,7 @@ class Replicate:
         target = self.target()
         return fish_eea(
             target, self.config, self.seed, target.morphology, current=self.world.current,
-            threads=1,
+            threads=1, reactive=self.world.reactive,
         )  # fmt: skip
 
 
@@ -157,7 +159,10 @@ def replicate(job: Replicate) -> dict[str, Any]:
     Raises as ``Replicate.session`` and ``method_rounds``.
     """
     if isinstance(job.config, MethodConfig):
-        settings = MethodSettings(job.config.steps, job.world.current, job.world.morphology.plan)
+        world = job.world
+        settings = MethodSettings(
+            job.config.steps, world.current, world.morphology.plan, world.reactive
+        )
         rounds = method_rounds(job.config, job.target(), job.seed, settings)
         return {**job.key._asdict(), "stopped": "rounds", "rounds": rounds}
     session = job.session()

@@ -99,6 +99,7 @@ class Study:
         world = dict(vars(self.world))
         gap = world.pop("gap")
         held_out = world.pop("held_out")
+        reactive = world.pop("reactive")
         seeds = {"first": self.first_seed, "count": self.replicates}
         return {
             **plan_key(self.world.morphology.plan),
@@ -107,6 +108,7 @@ class Study:
             **world,
             "current": list(self.world.current),
             **({"gap": gap.changes} if gap.changes else {}),
+            **({"reactive": True} if reactive else {}),
             **({"held_out": self.world.held_out_list} if held_out else {}),
             "rounds": self.rounds,
             "replicates": {

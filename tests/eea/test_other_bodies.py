@@ -17,6 +17,7 @@ from eea import (
     FitConfig,
     JointConfig,
     PaperConfig,
+    RealityGap,
     SwimLog,
     estimate_morphology,
     estimate_morphology_of,
@@ -31,7 +32,7 @@ from eea import (
 from eea.__main__ import main
 from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
 from eea.fish.estimate import MorphologyEstimate, what_broke
-from eea.fish.hypotheses import fault_hypotheses, plan_of
+from eea.fish.hypotheses import fault_hypotheses, is_reactive, plan_of
 from eea.fish.log_changes import is_mirror_image, possible_changes
 from eea.study.replicate import StudyWorld
 from tests import plans
@@ -169,6 +170,28 @@ def test_a_target_brings_its_plan():
     result = estimate_morphology_of(target, replace(config, restarts=0, alternatives="never"))
     assert result.plan == FOUR_FINS
     assert len(result.rounds[0].command) == len(result.rounds[0].true_angles) == 4
+
+
+def test_water_with_added_mass_is_that_of_the_target_and_of_its_models():
+    damage = "left_pectoral:length=0.5"
+    config = JointConfig(
+        steps=128, rounds=2, bodies=24, poses=24, descents=6, polished=2, restarts=0,
+        alternatives="never", nuisances=(),
+    )  # fmt: skip
+    found = estimate_morphology(
+        None, damage, config, 0, target_engine="numba", reactive=True, threads=1
+    )
+    assert found.belief.good
+    assert found.objective_fitness > 0.99
+    assert is_reactive(found.belief.robot)
+    worlds = ({"reactive": True}, {"gap": RealityGap(reactive=True)})
+    logs = [
+        EngineTarget(None, damage, np.random.default_rng(0), 64, "numba", **world).perform(
+            np.array([0.4, -0.3, 0.8])
+        )
+        for world in worlds
+    ]
+    assert np.array_equal(logs[0].gyro, logs[1].gyro)
 
 
 def test_mirror_images_are_found_and_pairs_are_exchanged():

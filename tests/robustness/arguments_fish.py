@@ -51,7 +51,8 @@ TARGET = EngineTarget(steps=64, engine="numba")
 SIMULATOR = EngineSimulator(steps=64)
 CONFIG = JointConfig(steps=64, rounds=1)
 WORLD = {
-    "engine": "numba", "dtype": "float32", "current": np.zeros(3), "substeps": 1, "threads": 1
+    "engine": "numba", "dtype": "float32", "current": np.zeros(3), "substeps": 1, "threads": 1,
+    "reactive": False,
 }  # fmt: skip
 SETTINGS = {"config": CONFIG, "seed": 0}
 
@@ -85,15 +86,17 @@ ROWS = [
         {
             "morphology": BODY, "damage": "none", "rng": np.random.default_rng(0), "steps": 64,
             "engine": "numba", "current": np.zeros(3), "substeps": 1, "gap": RealityGap(),
-            "plan": AQUAFISH,
+            "plan": AQUAFISH, "reactive": False,
         },
-        options(morphology=NO_BODY, damage=NO_DAMAGE, rng="none", plan="none"),
+        options(
+            morphology=NO_BODY, damage=NO_DAMAGE, rng="none", plan="none", reactive="true"
+        ),
     ),
     Call(TARGET.perform, {"command": np.zeros(3)}),
     Call(
         EngineSimulator,
         {"steps": 64, **WORLD, "plan": AQUAFISH},
-        options(threads="none", dtype="none"),
+        options(threads="none", dtype="none", reactive="true"),
     ),
     Call(eea.fish_problem, {"plan": AQUAFISH}),
     Call(
@@ -164,7 +167,7 @@ ROWS = [
         },
         options(
             truth=NO_BODY, moving="true", check="true", progress=f"none, {CALLABLE}",
-            joint="none", threads="none", dtype="none",
+            joint="none", threads="none", dtype="none", reactive="true",
         ),
         {"truth": "morpholog"},
     ),
@@ -174,7 +177,10 @@ ROWS = [
             "log": LOG, "belief": BELIEF, "joint": FitConfig(**{**FIT, "noise": None}), "seed": 0,
             "progress": listen, **WORLD,
         },
-        options(progress=f"none, {CALLABLE}", joint="none", threads="none", dtype="none"),
+        options(
+            progress=f"none, {CALLABLE}", joint="none", threads="none", dtype="none",
+            reactive="true",
+        ),
     ),
     Call(
         check_log,
@@ -184,7 +190,7 @@ ROWS = [
         },
         options(
             joint="none", unexplained="none, fraction", moving="true",
-            progress=f"none, {CALLABLE}", threads="none", dtype="none",
+            progress=f"none, {CALLABLE}", threads="none", dtype="none", reactive="true",
         ),
     ),
     Call(
@@ -195,13 +201,16 @@ ROWS = [
         },
         options(
             alarm="fraction", until_noticed="true", progress=f"none, {CALLABLE}",
-            threads="none", dtype="none",
+            threads="none", dtype="none", reactive="true",
         ),
     ),
     Call(
         fish_eea,
         {"target": TARGET, **SETTINGS, "truth": BODY, "plan": AQUAFISH, **WORLD},
-        options(config="none", truth=NO_BODY, threads="none", dtype="none", plan="none"),
+        options(
+            config="none", truth=NO_BODY, threads="none", dtype="none", reactive="true",
+            plan="none",
+        ),
         {"target": "target", "truth": "morpholog"},
     ),
     Call(
@@ -212,7 +221,7 @@ ROWS = [
         },
         options(
             config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none",
-            dtype="none", plan="none",
+            dtype="none", reactive="true", plan="none",
         ),
         {"target": "target", "truth": "morpholog"},
     ),
@@ -224,7 +233,8 @@ ROWS = [
         },
         options(
             target_morphology=NO_BODY, damage=NO_DAMAGE, config="none",
-            progress=f"none, {CALLABLE}", threads="none", dtype="none", plan="none",
+            progress=f"none, {CALLABLE}", threads="none", dtype="none", reactive="true",
+            plan="none",
         ),
         {"target_morphology": "morpholog", "target_engine": "engine"},
     ),
