@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.bodies import body_array
-from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
+from aquafish_gym.bodies import body_array, plan_of_bodies
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike
 from aquafish_gym.stages import NEVER, Player, Stages
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from aquafish_gym.utils.validation import (
@@ -137,7 +137,7 @@ class Scenario:
         body: object = None,
         *,
         reactive: bool = False,
-        plan: PlanLike = AQUAFISH,
+        plan: PlanLike | None = None,
         **fields: object,
     ) -> Self:
         """Return a scenario from checked arguments; a single row serves all robots.
@@ -149,7 +149,7 @@ class Scenario:
         reactive
             Whether the water also resists acceleration.
         plan
-            Of all robots, or its name in ``PLANS``.
+            Of all robots, or its name in ``PLANS``. None is that of the bodies, else the paper's.
         **fields
             Other fields, (B, ...) or one row without its axis; each has a default that changes
             nothing. A single ``servo_gain`` is for all servos. ``Damage.edit`` sets stuck and
@@ -161,7 +161,7 @@ class Scenario:
             If a field has the wrong shape or range, the fields differ in length, or there is no
             such field.
         """
-        plan = check_plan(plan)
+        plan = plan_of_bodies(body, plan)
         tables = {name: check_field(name, value, plan) for name, value in fields.items()}
         spread = broadcast({"body": check_field("body", body, plan), **tables})
         return cls.fill(spread, flag("reactive", reactive), plan)

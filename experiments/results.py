@@ -377,10 +377,13 @@ RESULTS: dict[str, Result] = {
         needs=("stable_baselines3",),
     ),
     "scores-fish": Result(
-        commands=("python -m experiments.scores --tasks four-fins tail-fish",),
+        commands=(
+            "python -m experiments.scores --tasks four-fins tail-fish --entries zero still random "
+            "bang-bang 'tail only' CPG NEAT CMA-ES 'CMA-ES, fins' PPO 'PPO, fins'",
+        ),
         files=_files("docs/results/fish", "table.md", "times.md"),
         golden=("FourFins-v0 numba", "TailFish-v0 numba", "drawn damage"),
-        cpu_minutes=120,
+        cpu_minutes=30,
         smallest="--tasks four-fins --entries CPG CMA-ES --replicates 1 --episodes 2 "
         "--budget-divisor 1000",
         needs=("stable_baselines3",),

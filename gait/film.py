@@ -142,9 +142,7 @@ class Film(Given):
             body = read_morphology(file, "morphology", controller.plan)
         rng = np.random.default_rng([self.seed, number])
         damage = damage.sample(rng, parts_of(body.plan))
-        robot = damage.edit(Scenario.create(body, plan=body.plan), controller.interval).draw_angles(
-            [rng]
-        )
+        robot = damage.edit(Scenario.create(body), controller.interval).draw_angles([rng])
         (path,) = rollout(
             [controller.policy(robot.fin_angles[0])],
             robot,
@@ -173,7 +171,7 @@ def filmed(
     if not isinstance(swim, Swim | RolloutPath):
         raise InvalidArgumentError(f"swim must be a recorded swim; got {brief(swim)}")
     instance("body", body, Morphology)
-    scenario = instance("damage", damage, Damage).edit(Scenario.create(body, plan=body.plan), hold)
+    scenario = instance("damage", damage, Damage).edit(Scenario.create(body), hold)
     fins = len(body.plan.fins)
     bodies = np.empty((len(swim.time), len(body.sizes)))
     broken = np.empty((len(swim.time), fins), bool)

@@ -61,7 +61,7 @@ def swim_on(
     gaits = []
     native = []
     target = []
-    robot = Scenario.create(morphology, plan=plan)
+    robot = Scenario.create(morphology)
     for pose in (np.zeros(len(plan.fins)), *random_poses(config.poses, config.seed, plan)):
         # Without teachers: the case study compares and exports controllers.
         agent = SelfModelAgent(config=settings, robot=robot, teachers=())

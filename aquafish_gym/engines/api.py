@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.bodies import plan_of_bodies
 from aquafish_gym.command import check_series
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.plans import AQUAFISH, PlanLike, check_plan
+from aquafish_gym.plans import PlanLike
 from aquafish_gym.scenario import TIMESTEP as TIMESTEP
 from aquafish_gym.scenario import Scenario, broadcast, check_field
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
@@ -40,7 +41,7 @@ def simulate(
     begun: int = 0,
     velocity: ArrayLike = (0.0, 0.0, 0.0),
     spin: ArrayLike = (0.0, 0.0, 0.0),
-    plan: PlanLike = AQUAFISH,
+    plan: PlanLike | None = None,
 ) -> ImuLog:
     """Return what the IMUs of B robots log while they swim.
 
@@ -98,7 +99,8 @@ def simulate(
     spin
         (3,) or (B, 3) angular velocity at the start, rad/s in body axes, up to 100.
     plan
-        The robots' body plan, or its name in ``PLANS``: the paper's by default.
+        The robots' body plan, or its name in ``PLANS``. None is that of the morphologies, else
+        the paper's.
 
     Returns
     -------
@@ -118,7 +120,7 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
-    plan = check_plan(plan)
+    plan = plan_of_bodies(morphologies, plan)
     angles = np.zeros(len(plan.fins)) if fin_angles is None else fin_angles
     tables = {
         "morphologies": check_field("body", morphologies, plan, "morphologies"),

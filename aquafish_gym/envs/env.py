@@ -181,7 +181,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         self.observation_space = episode.observation_space(self._limits)
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
-        intact = Scenario.create(self._config.morphology, plan=self.plan)
+        intact = Scenario.create(self._config.morphology)
         self._robot = OneRobot(
             episode.check_world(engine), intact, self.frame_skip, self._config.damage.may_be_late
         )

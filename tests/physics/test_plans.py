@@ -290,8 +290,11 @@ def test_a_plan_is_asked_for_by_name_or_file(tmp_path: Path) -> None:
     assert check_plan(plan_document(FOUR_FINS)) is FOUR_FINS
     assert plan_document(FOUR_FINS) == "four-fins"
     assert plan_document(ODD) == ODD.to_dict()
-    log = simulate(None, np.zeros(4), steps=1, engine="numba", plan="four-fins")
+    four = Morphology.nominal("four-fins")
+    for of in ({"plan": "four-fins"}, {"morphologies": four}, {"morphologies": [four, four]}):
+        log = simulate(**{"morphologies": None, "commands": np.zeros(4), "steps": 1} | of)
+        assert log.rpy.shape[1:] == (1, 3)
+    assert Scenario.create([four]).plan == FOUR_FINS
     assert Morphology.nominal("four-fins").plan == FOUR_FINS
-    assert log.rpy.shape == (1, 1, 3)
     with pytest.raises(InvalidArgumentError, match="did you mean 'tail-fish'"):
         Scenario.create(plan="tail fish")

@@ -158,7 +158,7 @@ ROWS = [
         },
         options(
             morphologies=NO_BODY, threads="none", reactive="true", servo_gain="fraction, minus one",
-            lag="fraction, empty list", dtype="none", fin_angles="none",
+            lag="fraction, empty list", dtype="none", fin_angles="none", plan="none",
         ),
     ),
     Call(
@@ -266,7 +266,7 @@ ROWS = [
     Call(
         Scenario.create,
         {"body": BODY, "reactive": False, "plan": AQUAFISH},
-        options(body=f"{NO_BODY}, mapping", reactive="true"),
+        options(body=f"{NO_BODY}, mapping", reactive="true", plan="none"),
         {"body": "body"},
     ),
     Call(
