@@ -364,7 +364,8 @@ def _check(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    for name, given in (("world", world != WorldConfig()), ("start", moving)):
+    own_water = replace(world, reactive=False) != WorldConfig()
+    for name, given in (("world", own_water), ("start", moving)):
         if given and not config.is_forward:
             raise InvalidArgumentError(f"{name} has no effect with the task {brief(config.task)}")
     if moving and config.poses != EvolveConfig.poses:

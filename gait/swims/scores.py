@@ -9,6 +9,7 @@ swim the same pairs (common random numbers), so that an easy pair favours none o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -143,7 +144,8 @@ def scores(
         As of the environment. Built-in tasks run in the compiled loop, and one of your own class in
         a batched environment.
     world
-        The water and the servos; None is ``WorldConfig()``.
+        The water and the servos; None is ``WorldConfig()``. An episode, with a task or damage, has
+        its own: there a world may only be ``reactive``.
     seed
         Of the task's and the damage's random choices, which are the same for all controllers: swim
         q is the episode of an environment that was seeded with ``seed + q``.
@@ -204,7 +206,7 @@ def scores(
         return penalize_diverged(found, seconds) if penalize else found
     for name, given in (
         ("seconds", seconds != SECONDS),
-        ("world", world != WorldConfig()),
+        ("world", replace(world, reactive=False) != WorldConfig()),
         ("believed", believed is not None),
         ("believed_gain", believed_gain is not None),
         ("start", start is not None),
@@ -215,7 +217,9 @@ def scores(
     returns = np.empty((len(controllers), len(swims[1])))
     play = _step_episodes if compiled_task(judged) is None else _roll_out_episodes
     for numbers, those in by_kind(controllers):
-        one_kind = play(plan, those, swims, judged, broken, seed, engine, dtype, threads)
+        one_kind = play(
+            plan, those, swims, judged, broken, world.reactive, seed, engine, dtype, threads
+        )
         returns[numbers] = one_kind.reshape(len(those), -1)
     return penalize_diverged(returns, judged.seconds) if penalize else returns
 
@@ -281,6 +285,7 @@ def _roll_out_episodes(
     swims: Swims,
     task: Task,
     damage: Damage,
+    reactive: bool,
     seed: int,
     engine: str,
     dtype: str,
@@ -295,7 +300,7 @@ def _roll_out_episodes(
         config.with_options({"morphology": body, "fin_angles": pose})
         for body, pose in zip(*swims, strict=True)
     ]
-    scenario, memory = begin_episodes(configs, rngs, program.interval)
+    scenario, memory = begin_episodes(configs, rngs, program.interval, reactive)
     found = rollout(
         program,
         scenario.take(np.tile(np.arange(count), len(controllers))),
@@ -316,6 +321,7 @@ def _step_episodes(
     swims: Swims,
     task: Task,
     damage: Damage,
+    reactive: bool,
     seed: int,
     engine: str,
     dtype: str,
@@ -335,6 +341,7 @@ def _step_episodes(
         fin_angles=np.tile(swims[1], (len(controllers), 1)),
         damage=damage,
         task=task,
+        reactive=reactive,
         frame_skip=agent.interval,
         engine=engine,
         dtype=dtype if engine == "numba" else None,

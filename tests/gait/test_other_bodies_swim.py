@@ -14,8 +14,10 @@ import pytest
 
 from aquafish_gym import Morphology
 from aquafish_gym.bodies import write_bodies
+from aquafish_gym.envs.tasks import HoldStation, SwimForward
 from aquafish_gym.plans import AQUAFISH, FOUR_FINS, TAIL_FISH, BodyPlan, plan_document
 from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.world_config import WorldConfig
 from gait import (
     Controller,
     ControllerAgent,
@@ -152,3 +154,24 @@ def test_an_example_of_sixty_lines_evolves_a_plan(tmp_path: Path) -> None:
     far = example["main"](str(picture), count=1, rounds=1, short=config, long=config)
     assert np.isfinite(far).all()
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_episodes_may_be_in_water_with_added_mass() -> None:
+    """With damage, of a task, or of a task of one's own; what else a world has is their own."""
+    fast = [TAIL]
+
+    class Ahead(SwimForward):
+        """Swims in a batched environment, one step after another."""
+
+    cases: list[dict[str, Any]] = [
+        {"damage": "tail:length=0.9"}, {"task": HoldStation()}, {"task": Ahead(seconds=2.0)},
+    ]  # fmt: skip
+    for of in cases:
+        plain, reactive = (
+            scores(fast, dtype="float64", world=WorldConfig(reactive=added), threads=1, **of)
+            for added in (False, True)
+        )
+        assert np.isfinite([plain, reactive]).all()
+        assert abs(reactive - plain).min() > 0.1
+    with pytest.raises(InvalidArgumentError, match="world has no effect on an episode"):
+        scores(fast, damage="tail:length=0.9", world=WorldConfig(lag=0.1))
