@@ -50,6 +50,10 @@ class Infer:
     """
 
     example: ClassVar[str] = "--log examples/logs/swim.csv --out out/swim"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "log", "plan", "out", "columns", "between", "start", "noise", "nuisances", "seed", "truth",
+        "threads",
+    )  # fmt: skip
 
     log: LogFile
     plan: Plan = "aquafish"

@@ -215,6 +215,10 @@ MADE = re.compile(r"`((?:python -m (?:experiments|instruments)|aquafish recover 
 OTHERS = {
     "aquafish recover --held-out --seed 2",
     "python -m experiments.NAME",
+    "python -m experiments.gaits.library",
+    "python -m experiments.gaits.library --plan minnow.json",
+    "python -m experiments.league --plan four-fins --entrants blind self-model --tiers severe "
+    "--episodes 20",
     "python -m experiments.league.whole --scheduler tcp://HOST:8786",
     "python -m experiments.league.whole --tables NAME",
     "python -m experiments.scores --tasks forward --entries 'PPO, fins' 'CMA-ES, fins'",
@@ -223,6 +227,7 @@ OTHERS = {
     "python -m instruments.inference.discrepancy --seed 1",
     "python -m instruments.verification --only reactive",
     "python -m instruments.verification --only real_fish",
+    "python -m instruments.verification --plan minnow.json",
 }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from aquafish.online.gaits import load_library
 from aquafish.online.teacher import Teacher
-from aquafish_gym import Morphology
+from aquafish_gym import AQUAFISH, Morphology
 from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -41,7 +41,7 @@ GRID = np.array([[x, y, 0.5] for x in np.linspace(0, 1, 6) for y in np.linspace(
 
 def gait(action: ArrayLike) -> Controller:
     """Return a gait whose action is constant."""
-    weights, bias = np.zeros((3, len(SENSES.names) + 3)), np.asarray(action, float) / 2.5
+    weights, bias = np.zeros((3, len(SENSES.names(AQUAFISH)) + 3)), np.asarray(action, float) / 2.5
     return Controller(
         weights, bias, np.ones(3), 0.7, Morphology.nominal(), 0,
         senses=SENSES, layers=(3,), output="clip", interval=20,
