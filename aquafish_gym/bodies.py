@@ -66,14 +66,6 @@ def body_array(
     )
 
 
-def plan_of_bodies(bodies: object, plan: PlanLike | None = None) -> BodyPlan:
-    """Return a plan as given; None is that of the first ``Morphology``, else the paper's."""
-    if plan is not None:
-        return check_plan(plan)
-    several = bodies if isinstance(bodies, list | tuple) else (bodies,)
-    return next((one.plan for one in several if isinstance(one, Morphology)), AQUAFISH)
-
-
 def median_body(bodies: NDArray[np.float64], plan: PlanLike = AQUAFISH) -> Morphology:
     """Return the body of the median of each size of bodies (M, S), without their correlations."""
     return Morphology.from_array(np.median(bodies, axis=0), check_plan(plan))

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.bodies import body_array, plan_of_bodies
-from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike
+from aquafish_gym.bodies import body_array
+from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan, plan_of
 from aquafish_gym.stages import NEVER, Player, Stages
 from aquafish_gym.utils.array_types import Flags, Floats, Rows
 from aquafish_gym.utils.validation import (
@@ -161,7 +161,7 @@ class Scenario:
             If a field has the wrong shape or range, the fields differ in length, or there is no
             such field.
         """
-        plan = plan_of_bodies(body, plan)
+        plan = check_plan(plan_of(body) if plan is None else plan)
         tables = {name: check_field(name, value, plan) for name, value in fields.items()}
         spread = broadcast({"body": check_field("body", body, plan), **tables})
         return cls.fill(spread, flag("reactive", reactive), plan)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.bodies import plan_of_bodies
 from aquafish_gym.command import check_series
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.plans import PlanLike
+from aquafish_gym.plans import PlanLike, check_plan, plan_of
 from aquafish_gym.scenario import TIMESTEP as TIMESTEP
 from aquafish_gym.scenario import Scenario, broadcast, check_field
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
@@ -120,7 +119,7 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
-    plan = plan_of_bodies(morphologies, plan)
+    plan = check_plan(plan_of(morphologies) if plan is None else plan)
     angles = np.zeros(len(plan.fins)) if fin_angles is None else fin_angles
     tables = {
         "morphologies": check_field("body", morphologies, plan, "morphologies"),

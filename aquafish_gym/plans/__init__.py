@@ -34,6 +34,7 @@ __all__ = [
     "check_plan",
     "check_same_plan",
     "plan_document",
+    "plan_of",
 ]
 
 #: The plans by name.
@@ -80,6 +81,22 @@ def check_plan(plan: object) -> BodyPlan:
     if not found.words.keys() <= KNOWN_FINS.keys():
         KNOWN_FINS.update(found.words | KNOWN_FINS)
     return found
+
+
+def plan_of(*values: object, default: BodyPlan = AQUAFISH) -> BodyPlan:
+    """Return the body plan of the first value, or entry of a list, that has one.
+
+    Examples
+    --------
+    >>> from aquafish_gym import Morphology
+    >>> plan_of(None, [Morphology.nominal("tail-fish")])
+    BodyPlan('tail-fish': tail, left_fin, right_fin)
+    """
+    for value in values:
+        for each in value if isinstance(value, list | tuple) else (value,):
+            if isinstance(plan := getattr(each, "plan", None), BodyPlan):
+                return plan
+    return default
 
 
 def plan_document(plan: BodyPlan) -> str | dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.plans import AQUAFISH, BodyPlan, check_same_plan
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_same_plan, plan_of
 from aquafish_gym.rollout.plan import Act
 from aquafish_gym.scenario import CHANNELS, TIMESTEP
 from aquafish_gym.utils.array_types import Floats, Observations
@@ -222,22 +222,6 @@ def make_policy(
         return action
 
     return act_with_fins
-
-
-def plan_of(*values: object, default: BodyPlan = AQUAFISH) -> BodyPlan:
-    """Return the body plan of the first value, or entry of a list, that has one.
-
-    Examples
-    --------
-    >>> from aquafish_gym import Morphology
-    >>> plan_of(None, [Morphology.nominal("tail-fish")])
-    BodyPlan('tail-fish': tail, left_fin, right_fin)
-    """
-    for value in values:
-        for each in value if isinstance(value, list | tuple) else (value,):
-            if isinstance(plan := getattr(each, "plan", None), BodyPlan):
-                return plan
-    return default
 
 
 class Beliefs(NamedTuple):

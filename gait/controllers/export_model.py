@@ -19,10 +19,9 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import FIELDS, layout
 from aquafish_gym.physics.printing import C99
-from aquafish_gym.plans import BodyPlan
+from aquafish_gym.plans import BodyPlan, plan_of
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
-from gait.controllers.agents import plan_of
 from gait.controllers.c_files import CFile, c_file_path, servo_lines, source_and_header, wrapped
 from gait.controllers.network import Senses
 

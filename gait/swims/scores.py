@@ -22,7 +22,7 @@ from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import Task, check_task, compiled_task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.layout import FIELDS, layout
-from aquafish_gym.plans import BodyPlan, check_same_plan
+from aquafish_gym.plans import BodyPlan, check_same_plan, plan_of
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
@@ -35,7 +35,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import ControllerAgent, plan_of, refuse_unused
+from gait.controllers.agents import ControllerAgent, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
 from gait.swims.episode import transitions
 from gait.swims.poses import zero_pose

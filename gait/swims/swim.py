@@ -12,11 +12,12 @@ from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.plans import plan_of
 from aquafish_gym.rollout import rollout
 from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import finite_array, instance, integer
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import beliefs_of, held_steps, make_policy, plan_of, refuse_unused
+from gait.controllers.agents import beliefs_of, held_steps, make_policy, refuse_unused
 from gait.controllers.controller import INTERVAL, MAXIMUM_SEED, Controller
 from gait.swims.poses import zero_pose
 

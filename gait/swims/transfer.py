@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import AUTO, NAMES, check_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.plans import BodyPlan
+from aquafish_gym.plans import BodyPlan, plan_of
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -20,7 +20,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controllers.agents import beliefs_of, plan_of, refuse_unused
+from gait.controllers.agents import beliefs_of, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller
 from gait.swims.poses import MAXIMUM_POSES, random_poses
 from gait.swims.scores import scores
