@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_series
-from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory
+from aquafish_gym.engines.packages import GPU, MAXIMUM_THREADS, machine_memory
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -61,18 +61,19 @@ def simulate(
     steps
         Samples of 0.01 s, at most 1,000,000.
     engine
-        ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
-        (PyBullet where it is installed).
+        ``"numba"`` (all robots at once), ``"cuda"`` (the same on a GPU, to the same bits; the
+        extra ``gpu``), ``"pybullet"`` (one after another) or ``"auto"`` (PyBullet where it is
+        installed).
     dtype
-        ``"float32"``, the compiled engine's default, or ``"float64"``, in which PyBullet always
+        ``"float32"``, the compiled engines' default, or ``"float64"``, in which PyBullet always
         computes: it refuses the other.
     current
         (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.
     substeps
         Physics steps a sample.
     threads
-        For the compiled engine: how many; None takes every core. No result depends on it. Refused
-        with PyBullet, which takes one.
+        For the engine numba: how many; None takes every core. No result depends on it. Refused
+        with the others.
     record
         ``"rpy"``, ``"gyro"``, ``"attitude"`` (both) or ``"pose"`` (these, position, quaternion
         and fin angles). What is not recorded is None in the log.
@@ -91,8 +92,8 @@ def simulate(
         How many samples each command of a series is held: 5 for one at 20 Hz. Refused with
         commands that are held throughout.
     begun
-        For the compiled engine: how many samples of the series had passed when the trial began, in
-        mid-swim. Its servos turn already then.
+        How many samples of the series had passed when the trial began, in mid-swim. Its servos
+        turn already then. Refused with PyBullet.
     velocity
         (3,) or (B, 3) velocity at the start, units/s in body axes, up to 20 each way.
     spin
@@ -157,11 +158,11 @@ def simulate_scenario(
 
     ``commands`` are (B, F) or (B, K, F), checked; for the rest see :func:`simulate`.
     """
-    engine = check_engine(resolve_engine("engine", engine))
+    engine = check_engine(engine, batch=True)
     steps = integer("steps", steps, 1, MAXIMUM_STEPS)
     substeps = integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
     if dtype is None:
-        dtype = "float32" if engine == "numba" else "float64"
+        dtype = "float64" if engine == "pybullet" else "float32"
     kind = getattr(np, one_of("dtype", dtype, ("float32", "float64")))
     threads = None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS)
     record = one_of("record", record, RECORDS)
@@ -172,18 +173,23 @@ def simulate_scenario(
             "interval must be 1 for commands that are held throughout; for a series commands must "
             f"have shape (B, K, {commands.shape[-1]}); got {interval} with {commands.shape}"
         )
-    if engine != "numba" and (dtype != "float64" or threads is not None):
+    if engine == "pybullet" and (dtype != "float64" or threads is not None):
         raise InvalidArgumentError(
             f'dtype must be "float64" and threads None for the engine "{engine}", which computes '
             f"in double precision on one thread; got {dtype!r} and {threads}"
         )
+    if engine == GPU and threads is not None:
+        raise InvalidArgumentError(
+            f'threads must be None for the engine "{engine}", which takes the whole GPU; '
+            f"got {threads}"
+        )
     _check_log_fits(scenario, steps, record, kind)
     # The engines are imported here: importing the package stays quick, and works without PyBullet.
-    if engine == "numba":
+    if engine != "pybullet":
         from aquafish_gym.engines.compiled.simulate import simulate_lanes
 
         return simulate_lanes(
-            scenario, commands, steps, kind, substeps, threads, record, interval, begun
+            scenario, commands, steps, kind, substeps, threads, record, interval, begun, engine
         )
     if begun:
         raise InvalidArgumentError(

@@ -11,34 +11,63 @@ from aquafish_gym.utils.validation import EngineUnavailableError, install_advice
 
 # One robot in one water, to rounding.
 NAMES = ("numba", "pybullet")
+GPU = "cuda"  # the compiled engine on a GPU, of batches alone
 MAXIMUM_THREADS = 1024
 # Whichever of the two this machine has, PyBullet first; see ``resolve_engine``.
 AUTO = "auto"
 
 
-def resolve_engine(argument: str, name: object) -> str:
+def resolve_engine(argument: str, name: object, batch: bool = False) -> str:
     """Return an engine's own name; ``"auto"`` is resolved by what is installed.
 
     It is PyBullet where it is installed, else the compiled engine, which is the same robot to 1e-9.
-    ``argument`` is the engine's name in messages. :func:`check_engine` checks that a named engine
-    can be used here.
+    ``argument`` is the engine's name in messages; a ``batch`` may also swim on ``"cuda"``.
+    :func:`check_engine` checks that a named engine can be used here.
     """
-    known = one_of(argument, name, (AUTO, *NAMES))
+    known = one_of(argument, name, (AUTO, *NAMES, *([GPU] if batch else [])))
     if known != AUTO:
         return known
     return "numba" if find_spec("pybullet") is None else "pybullet"
 
 
-def check_engine(engine: object) -> str:
+def check_engine(engine: object, batch: bool = False) -> str:
     """Return the engine's name if it can be used here; see :func:`resolve_engine` for "auto".
 
     An unknown name is an :class:`UnknownNameError`, a missing package an
     :class:`EngineUnavailableError`.
     """
-    name = resolve_engine("engine", engine)
+    name = resolve_engine("engine", engine, batch)
     if name == "pybullet":
         load_pybullet()
+    if name == GPU:
+        check_gpu()
     return name
+
+
+@functools.cache
+def check_gpu() -> None:
+    """Raise EngineUnavailableError if the package, the driver or the GPU is missing."""
+    otherwise = 'or use engine="numba", the same robots on this machine\'s cores'
+    if find_spec("numba_cuda") is None:
+        raise EngineUnavailableError(
+            f'the engine "cuda" needs the package numba-cuda, which is not installed here: '
+            f"{install_advice('gpu')}, {otherwise}"
+        )
+    from numba import cuda
+
+    try:
+        found = len(cuda.gpus)
+    except ImportError as error:  # the driver's
+        said = " ".join(str(error).split()).rstrip(": ")
+        raise EngineUnavailableError(
+            f'the engine "cuda" needs the driver of an NVIDIA GPU, which does not load ({said}): '
+            f"install it, {otherwise}"
+        ) from None
+    if not found:
+        raise EngineUnavailableError(
+            f'the engine "cuda" needs an NVIDIA GPU, and the driver finds none: choose a machine '
+            f"with one, {otherwise}"
+        )
 
 
 @functools.cache

@@ -141,17 +141,17 @@ class _Announcer(event.Listener):  # type: ignore[misc]
 @functools.cache
 def _announce() -> None:
     reason = why_nothing_is_kept(cache_folder())
-    _say(NOTICE_UNKEPT.format(reason=reason) if reason else NOTICE)
+    say(NOTICE_UNKEPT.format(reason=reason) if reason else NOTICE)
 
 
 @functools.cache
 def _say_unkept(reason: str) -> None:
     """Say once that a kernel could not be saved, unless that has been announced."""
     if not why_nothing_is_kept(cache_folder()):
-        _say(f"the compiled physics is not kept, because {reason}: {ADVICE}")
+        say(f"the compiled physics is not kept, because {reason}: {ADVICE}")
 
 
-def _say(sentence: str) -> None:
+def say(sentence: str) -> None:
     """Print a sentence on stderr, except in worker processes."""
     if sys.stderr is not None and multiprocessing.parent_process() is None:
         print(sentence, file=sys.stderr, flush=True)

@@ -9,6 +9,9 @@ Instructions carry no fast-math flag, not even ``contract``: every operation is 
 to IEEE 754, and a multiply-add is fused only in ``fma``. A robot's numbers are therefore the same
 in every lane, at every width, on every CPU (one without the instruction calls the C library's
 ``fma``), and in float64 equal to plain Python's to the last bit.
+
+On a GPU (``engines/cuda.py``) a lane is a thread: the value of ``Lanes(float32, 16)`` is one
+float32 there, sixteen threads in a row are a register, and everything else is the same.
 """
 
 from __future__ import annotations
@@ -74,6 +77,8 @@ class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
 def _splat(context: Any, builder: Any, fromty: Any, toty: Lanes, value: Any) -> Any:
     scalar = context.cast(builder, value, fromty, toty.base)
     vector = context.get_value_type(toty)
+    if not isinstance(vector, ir.VectorType):  # a thread's
+        return scalar
     first = builder.insert_element(
         ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
     )
@@ -111,15 +116,57 @@ def _call(name: str) -> Callable[..., Any]:
     return lower
 
 
-_give(operator.add, 2, ir.IRBuilder.fadd)
-_give(operator.sub, 2, ir.IRBuilder.fsub)
-_give(operator.mul, 2, ir.IRBuilder.fmul)
-_give(operator.truediv, 2, ir.IRBuilder.fdiv)
-_give(operator.iadd, 2, ir.IRBuilder.fadd)
-_give(operator.isub, 2, ir.IRBuilder.fsub)
-_give(operator.imul, 2, ir.IRBuilder.fmul)
-_give(operator.neg, 1, ir.IRBuilder.fneg)
-_give(abs, 1, _call("llvm.fabs"))
+def _else_on_gpu(lower: Callable[..., Any], on_gpu: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what builds an operation by ``lower`` on vectors, and by ``on_gpu`` on a thread's."""
+
+    def either(builder: Any, *values: Any) -> Any:
+        vector = isinstance(values[0].type, ir.VectorType)
+        return (lower if vector else on_gpu)(builder, *values)
+
+    return either
+
+
+# CUDA's compiler fuses multiply-adds as it likes, but not these, and knows neither fneg nor fabs.
+def _rounded(operation: str) -> Callable[..., Any]:
+    """Return what builds an operation on a thread's numbers that is fused with no other."""
+
+    def lower(builder: Any, *values: Any) -> Any:
+        kind = values[0].type
+        name = f"llvm.nvvm.{operation}.rn.{'d' if isinstance(kind, ir.DoubleType) else 'f'}"
+        types_of = ir.FunctionType(kind, [kind] * len(values))
+        function = cgutils.get_or_insert_function(builder.module, types_of, name)
+        return builder.call(function, values)
+
+    return lower
+
+
+def _negated(builder: Any, x: Any) -> Any:
+    return builder.fsub(ir.Constant(x.type, -0.0), x)
+
+
+def _absolute(builder: Any, x: Any) -> Any:
+    bits = ir.IntType(64 if isinstance(x.type, ir.DoubleType) else 32)
+    all_but_sign = ir.Constant(bits, 2 ** (bits.width - 1) - 1)
+    return builder.bitcast(builder.and_(builder.bitcast(x, bits), all_but_sign), x.type)
+
+
+_sum = _else_on_gpu(ir.IRBuilder.fadd, _rounded("add"))
+_difference = _else_on_gpu(
+    ir.IRBuilder.fsub, lambda builder, a, b: _sum(builder, a, _negated(builder, b))
+)
+_product = _else_on_gpu(ir.IRBuilder.fmul, _rounded("mul"))
+for _kind, _lower in (
+    (operator.add, _sum),
+    (operator.iadd, _sum),
+    (operator.sub, _difference),
+    (operator.isub, _difference),
+    (operator.mul, _product),
+    (operator.imul, _product),
+    (operator.truediv, ir.IRBuilder.fdiv),
+):
+    _give(_kind, 2, _lower)
+_give(operator.neg, 1, _else_on_gpu(ir.IRBuilder.fneg, _negated))
+_give(abs, 1, _else_on_gpu(_call("llvm.fabs"), _absolute))
 _give(math.sqrt, 1, _call("llvm.sqrt"))
 _give(arithmetic.fma, 3, _call("llvm.fma"), scalars=True)
 _give(arithmetic.floor, 1, _call("llvm.floor"), scalars=True)
@@ -131,14 +178,26 @@ _give(
 )
 
 
-def _vector_pointer(
-    context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any
-) -> Any:
-    """Return a vector pointer to entry i * width of a flat array."""
+def _on_gpu(context: Any, lanes: Any) -> bool:
+    return not isinstance(context.get_value_type(lanes), ir.VectorType)
+
+
+def _own_lane(builder: Any, kind: Any, lanes: Any) -> Any:
+    """Return which lane of its register a thread is."""
+    number = ir.IntType(32)
+    name = "llvm.nvvm.read.ptx.sreg.tid.x"
+    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(number, []), name)
+    thread = builder.call(function, [])
+    return builder.zext(builder.and_(thread, ir.Constant(number, lanes.width - 1)), kind)
+
+
+def _pointer(context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any) -> Any:
+    """Return a pointer to lanes from entry i * width of a flat array on, or to a thread's own."""
     data = context.make_array(arrayty)(context, builder, value=array).data
     start = builder.mul(i, ir.Constant(i.type, lanes.width))
-    pointer = builder.gep(data, [start])
-    return builder.bitcast(pointer, context.get_value_type(lanes).as_pointer())
+    if _on_gpu(context, lanes):
+        start = builder.add(start, _own_lane(builder, i.type, lanes))
+    return builder.bitcast(builder.gep(data, [start]), context.get_value_type(lanes).as_pointer())
 
 
 @intrinsic
@@ -146,7 +205,7 @@ def _load(_typingctx: Any, array: Any, index: Any, like: Any) -> Any:
     """Lanes from entries index * width onwards of a flat array of the lanes' base type."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.return_type, args[1])
+        pointer = _pointer(context, builder, sig.args[0], args[0], sig.return_type, args[1])
         return builder.load(pointer, align=sig.return_type.base.bitwidth // 8)
 
     if not isinstance(array, types.Array) or array.dtype != like.base:
@@ -159,7 +218,7 @@ def _save(_typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     """Lanes into entries index * width onwards of a flat array of the lanes' base type."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.args[2], args[1])
+        pointer = _pointer(context, builder, sig.args[0], args[0], sig.args[2], args[1])
         builder.store(args[2], pointer, align=sig.args[2].base.bitwidth // 8)
         return context.get_dummy_value()
 
@@ -184,11 +243,18 @@ def put_transposed(
         one = ir.Constant(args[1].type, 1)
         rows, at = [], args[1]
         for _ in range(width):
-            pointer = _vector_pointer(context, builder, sig.args[0], args[0], lanes, at)
+            pointer = _pointer(context, builder, sig.args[0], args[0], lanes, at)
             rows.append(builder.load(pointer, align=lanes.base.bitwidth // 8))
             at = builder.add(at, one)
         data = context.make_array(sig.args[2])(context, builder, value=args[2]).data
         at = args[3]
+        if _on_gpu(context, lanes):  # each thread writes a row of its own
+            lane = _own_lane(builder, at.type, lanes)
+            at = builder.add(at, builder.mul(lane, args[4]))
+            for entry in rows:
+                builder.store(entry, builder.gep(data, [at]))
+                at = builder.add(at, one)
+            return context.get_dummy_value()
         for column in _transpose(builder, rows):
             pointer = builder.bitcast(builder.gep(data, [at]), column.type.as_pointer())
             builder.store(column, pointer, align=lanes.base.bitwidth // 8)
@@ -229,6 +295,29 @@ def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
         return cgutils.get_null_value(context.get_value_type(lanes))
 
     return signature(lanes, array, width), codegen
+
+
+@intrinsic
+def first_lane(_typingctx: Any, like: Any) -> Any:
+    """Return the first lane that this code computes: 0, or on a GPU the thread's own."""
+
+    def codegen(context: Any, builder: Any, sig: Any, _args: Any) -> Any:
+        lanes, kind = sig.args[0], context.get_value_type(types.intp)
+        on_gpu = _on_gpu(context, lanes)
+        return _own_lane(builder, kind, lanes) if on_gpu else ir.Constant(kind, 0)
+
+    return signature(types.intp, like), codegen
+
+
+@intrinsic
+def lanes_here(_typingctx: Any, like: Any) -> Any:
+    """Return how many lanes, from the first one on, this code computes: all, or one on a GPU."""
+
+    def codegen(context: Any, _builder: Any, sig: Any, _args: Any) -> Any:
+        count = 1 if _on_gpu(context, sig.args[0]) else sig.args[0].width
+        return ir.Constant(context.get_value_type(types.intp), count)
+
+    return signature(types.intp, like), codegen
 
 
 @overload(arithmetic.fetch, strict=False, jit_options=_INLINE)

@@ -22,14 +22,15 @@ def swim_many(
     dtype: type[np.floating],
     threads: int | None,
     start: Floats | None = None,
+    engine: str = "numba",
 ) -> Trajectories:
     """Swim all robots in the compiled loop, which stops where some of them change."""
     # numba comes with its engine: importing this module stays quick.
     from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
-    from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
+    from aquafish_gym.engines.compiled.lanes import batch_class, pack_rows
 
     scenario = plan.scenario
-    lanes = LaneBatch(scenario, dtype, plan.substeps, threads, states=start)
+    lanes = batch_class(engine)(scenario, dtype, plan.substeps, threads, states=start)
     loop = ClosedLoop(lanes.batch, len(scenario.plan.fins), lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     compiled = compiled_task(plan.task)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.engines.api import simulate
-from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.engines.packages import GPU, resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
 from eea.core.checks import instance, whole
@@ -57,7 +57,7 @@ class EngineSimulator(Simulator):
     """
 
     steps: int  #: Length of a trial in steps of 0.01 s.
-    #: See ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest.
+    #: See ``aquafish_gym.simulate``. The compiled engines' single precision is the fastest.
     engine: str = "numba"
     dtype: str | None = None
     current: ArrayLike = (0.0, 0.0, 0.0)
@@ -84,7 +84,8 @@ class EngineSimulator(Simulator):
         """
         whole("steps", steps, 1)
         own = type(self) is EngineSimulator and steps == self.steps
-        if not own or resolve_engine("engine", self.engine) != "numba":
+        engine = resolve_engine("engine", self.engine, batch=True)
+        if not own or engine not in ("numba", GPU):
             return None
         # numba is imported here to keep `import eea.fish.simulator` quick.
         from eea.fish.spectral import SHORTEST_SPECTRUM_STEPS, SpectralComparer
@@ -99,4 +100,5 @@ class EngineSimulator(Simulator):
             self.threads,
             self.reactive,
             self.plan,
+            engine,
         )

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch, batch_class
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
     pack_spectra,
-    spectral_distances,
 )
 from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import Scenario
@@ -39,20 +38,25 @@ class SpectralComparer(NamedTuple):
     threads: int | None
     reactive: bool
     plan: BodyPlan
+    engine: str
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
     ) -> Floats:
         """See ``Comparer``."""
-        spectra = self._spectra(trials)
-        packed = pack_spectra(observed, spectra.dtype.type)
-        return spectral_distances(spectra, packed, which) / coefficients(self.steps)
+        packed = pack_spectra(observed, getattr(np, self.dtype))
+        lanes, commands = self._lanes(trials)
+        found = lanes.distances(commands, self.steps, DEGREES, packed, which)
+        return found / coefficients(self.steps)
 
     def between_models(self, trials: Trials, models: int) -> Floats:
         """See ``Comparer``."""
-        return disagreements(self._spectra(trials), models) / coefficients(self.steps)
+        lanes, commands = self._lanes(trials)
+        spectra = lanes.spectra(commands, self.steps, DEGREES)
+        return disagreements(spectra, models) / coefficients(self.steps)
 
-    def _spectra(self, trials: Trials) -> NDArray[np.floating]:
+    def _lanes(self, trials: Trials) -> tuple[LaneBatch, Floats]:
+        """Return the robots of trials, at rest, and their commands."""
         scenario = Scenario.create(
             trials.models,
             fin_angles=trials.angles,
@@ -60,5 +64,6 @@ class SpectralComparer(NamedTuple):
             reactive=self.reactive,
             plan=self.plan,
         )
-        lanes = LaneBatch(scenario, getattr(np, self.dtype), self.substeps, self.threads)
-        return lanes.spectra(check_commands(self.plan, trials.commands), self.steps, DEGREES)
+        kind = getattr(np, self.dtype)
+        lanes = batch_class(self.engine)(scenario, kind, self.substeps, self.threads)
+        return lanes, check_commands(self.plan, trials.commands)

@@ -150,12 +150,12 @@ def scores(
         Of the task's and the damage's random choices, which are the same for all controllers: swim
         q is the episode of an environment that was seeded with ``seed + q``.
     engine
-        ``"numba"``, all robots at once; or as of :func:`gait.swim`, where on PyBullet one robot
-        swims after the other.
+        ``"numba"``, all robots at once; ``"cuda"``, the same on a GPU, but for tasks of your own
+        class; or as of :func:`gait.swim`, where on PyBullet one robot swims after the other.
     dtype
-        ``"float32"`` or ``"float64"`` on the engine numba; others compute in float64.
+        ``"float32"`` or ``"float64"`` on these two; others compute in float64.
     threads
-        None uses every core; no result depends on it.
+        None uses every core; no result depends on it. The engine cuda refuses others.
     believed, believed_gain
         What controllers that sense their fins assume: initial angles (Q, F) or (1, F) in rad, and
         servo gains (F,) or (Q, F). None for the true ones. Refused if none senses them.
@@ -191,7 +191,7 @@ def scores(
         integer("threads", threads, 1, MAXIMUM_THREADS)
     one_of("dtype", dtype, ("float32", "float64"))
     flag("penalize", penalize)
-    engine = check_engine(engine)
+    engine = check_engine(engine, batch=True)
     plan = plan_of(controllers, morphologies)
     for i, controller in enumerate(controllers):
         check_same_plan(f"controllers[{i}]", controller.plan, plan)

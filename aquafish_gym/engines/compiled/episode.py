@@ -10,6 +10,7 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import Any
 
+from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
@@ -134,12 +135,13 @@ def note_divergence(rows: Any, state: State) -> None:
     put(rows, ALIVE_ROW, where_less(0.0, has_diverged(state), 0.0, alive))
 
 
-def some_diverged(rows: Any, width: int) -> bool:
+def some_diverged(rows: Any, width: int, like: Number) -> bool:
     """Return whether any of a register's robots diverged in an action."""
+    first, count = ALIVE_ROW * width + simd.first_lane(like), simd.lanes_here(like)
     alive = 0
-    for lane in range(ALIVE_ROW * width, (ALIVE_ROW + 1) * width):
-        alive += int(rows[lane])
-    return alive < width
+    for entry in range(first, first + count):
+        alive += int(rows[entry])
+    return bool(alive < count)
 
 
 def kept(lost: Number, before: Vector, after: Vector) -> Vector:

@@ -64,7 +64,7 @@ from aquafish_gym.engines.compiled.recording import (
     put_sample,
     write_blocks,
 )
-from aquafish_gym.engines.compiled.spectrum import write_spectrum
+from aquafish_gym.engines.compiled.spectrum import spectrum_rows, write_spectrum
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, cross, put, scale
 from aquafish_gym.physics.attitude import attitude, continue_attitude, directions
@@ -107,12 +107,47 @@ def compile_kernel(
     functions: Any = None,
     late: bool = False,
 ) -> Any:
-    """Return the compiled loop of a plan for a policy at a lane width; it compiles lazily.
+    """Return the compiled loop of :func:`time_loop`, without ``work``; it compiles lazily.
 
-    ``reactive`` brings in the terms of ``physics/reactive.py``; ``functions`` are those of the
-    task that a closed loop does, if any (``envs.tasks.TaskFunctions``). ``late`` is whether any
-    robot's servos have a lag. The loop runs groups ``begin`` to ``end`` and may be called from
-    several threads at once.
+    It may be called from several threads at once.
+    """
+    swim, stamp = time_loop(plan, policy, width, reactive, functions, late)
+    fins = len(plan.fins)
+
+    def kernel(
+        parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
+        h: float, clock: Any, output: Any, record: int, begin: int, end: int,
+    ) -> None:  # fmt: skip
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
+        work = np.empty(work_rows(record, clock[1], fins) * width, parameters.dtype)
+        swim(
+            parameters, states, conditions, given, program, task, h, clock, output, record, work,
+            begin, end,
+        )  # fmt: skip
+
+    return compiled(kernel, slow=True, nogil=True)
+
+
+def work_rows(record: int, steps: int, fins: int) -> int:
+    """Return how many rows of lanes :func:`time_loop` needs as ``work``."""
+    rows = (13 + fins) * BLOCK + 1 + fins
+    return rows + spectrum_rows(steps) if record & SPECTRUM_BIT else rows
+
+
+def time_loop(
+    plan: BodyPlan,
+    policy: CompiledPolicy | OpenLoop,
+    width: int,
+    reactive: bool,
+    functions: Any,
+    late: bool,
+) -> tuple[Callable[..., None], str]:
+    """Return the loop of a plan for a policy at a lane width, and the stamp of its sources.
+
+    Compiled code can call it. ``reactive`` brings in the terms of ``physics/reactive.py``;
+    ``functions`` are those of the task that a closed loop does, if any
+    (``envs.tasks.TaskFunctions``). ``late`` is whether any robot's servos have a lag. The loop runs
+    groups ``begin`` to ``end``, one after the other, in ``work``: rows of lanes.
     """
     register()
     for module in (sys.modules[__name__], command, episode, lag, recording, sense):
@@ -164,24 +199,24 @@ def compile_kernel(
     )
     episode_rows = EPISODE_ROWS + 3 * fins
 
-    def kernel(
+    def swim_groups(
         parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
-        h: float, clock: Any, output: Any, record: int, begin: int, end: int,
+        h: float, clock: Any, output: Any, record: int, work: Any, begin: int, end: int,
     ) -> None:  # fmt: skip
-        stamp  # noqa: B018  # part of the cache's key; see source_stamp
         weights, layout, episodes, noises, broken = program
         first_step, steps, substeps, interval, phase = clock
         logs, spectra, roots, unit = output
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (robot_rows * width)
+        block = BLOCK * width
         blocks = (
-            np.empty(3 * BLOCK * width, parameters.dtype),
-            np.empty(3 * BLOCK * width, parameters.dtype),
-            np.empty((7 + fins) * BLOCK * width, parameters.dtype),
+            work[: 3 * block],
+            work[3 * block : 6 * block],
+            work[6 * block : (13 + fins) * block],
         )
-        series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
-        lag_steps = np.empty(width if late else 0, parameters.dtype)
-        scratch = np.empty(fins * width if late else 0, parameters.dtype)
+        rest = work[(13 + fins) * block :]
+        lag_steps, scratch = rest[:width], rest[width : (1 + fins) * width]
+        series = rest[(1 + fins) * width :]
         rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
         dt = interval * TIMESTEP
         for group in range(begin, end):
@@ -194,7 +229,7 @@ def compile_kernel(
             start = state.position
             if late:
                 share = begin_lag(conditions, row_of_lag * groups + group, lag_steps, zero)
-                arrived(given[group], lag_steps, scratch, first_step - 1, fins)
+                arrived(given[group], lag_steps, scratch, first_step - 1, fins, zero)
                 older = fetch_fins(scratch, 0, 0, 1, zero)
                 depth = given[group].size // (fins * width)
             if closed:  # those of an action which goes on from the call before
@@ -245,7 +280,7 @@ def compile_kernel(
                 if late:
                     put_fins(given[group], fins * ((first_step + t) % depth), 0, 1, speeds)
                     if t - commanded_at < depth:
-                        arrived(given[group], lag_steps, scratch, first_step + t, fins)
+                        arrived(given[group], lag_steps, scratch, first_step + t, fins, zero)
                         newer = fetch_fins(scratch, 0, 0, 1, zero)
                         by = driven(gain, late_command(older, newer, share), h)
                         older = newer
@@ -292,7 +327,7 @@ def compile_kernel(
                 # A robot that diverged stays in the state before the action.
                 lost = has_diverged(state)
                 put(rows, ALIVE_ROW, 1.0 - lost)
-                if some_diverged(rows, width):
+                if some_diverged(rows, width, zero):
                     state = choose(lost, fetch_state(states, 0, group, groups, zero), state)
                     before = fetch_vector(states, first_of_rpy, group, groups, zero)
                     rpy = kept(lost, before, rpy)
@@ -312,4 +347,5 @@ def compile_kernel(
             if flows:
                 put_vector(conditions, CURRENT, group, groups, current)
 
-    return compiled(kernel, slow=True, nogil=True)
+    simd.inlined(swim_groups)
+    return swim_groups, stamp

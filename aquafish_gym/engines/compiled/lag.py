@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.command import lag_parts
+from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, fetch, put
 from aquafish_gym.utils.array_types import Floats, Reals
 
@@ -68,12 +69,13 @@ def begin_lag(conditions: Any, entry: int, lag_steps: Any, like: Number) -> Numb
     return share
 
 
-def arrived(given: Any, lag_steps: Any, found: Any, step: int, fins: int) -> None:
+def arrived(given: Any, lag_steps: Any, found: Any, step: int, fins: int, like: Number) -> None:
     """Find what each robot of a register was commanded its lag before a step: a number a fin."""
     width = lag_steps.size
     depth = given.size // (fins * width)
     now = step % depth
-    for lane in range(width):
+    first_lane = simd.first_lane(like)
+    for lane in range(first_lane, first_lane + simd.lanes_here(like)):
         entry = now - int(lag_steps[lane])
         if entry < 0:
             entry += depth

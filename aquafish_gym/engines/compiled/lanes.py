@@ -28,7 +28,7 @@ from aquafish_gym.engines.compiled.recording import (
     RPY_BIT,
     SPECTRUM_BIT,
 )
-from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
+from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity, spectral_distances
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
 from aquafish_gym.engines.worlds import (
     Swimmers,
@@ -76,6 +76,15 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
+def batch_class(engine: str) -> type[LaneBatch]:
+    """Return the class of batches of the engine "numba" or "cuda"."""
+    if engine == "numba":
+        return LaneBatch
+    from aquafish_gym.engines.cuda import CudaBatch  # it loads CUDA
+
+    return CudaBatch
+
+
 @functools.cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the process's extra threads, started when needed and idle between calls.
@@ -117,7 +126,7 @@ class LaneBatch(Swimmers):
         self.layout = layout(scenario.plan)
         self.dtype = dtype
         self._dtype_name = np.dtype(dtype).name
-        self.width = width or lane_width(dtype)
+        self.width = width or self.lane_width(dtype)
         self.groups = -(-self.batch // self.width)
         self.reactive = scenario.reactive
         self.substeps = substeps
@@ -142,6 +151,11 @@ class LaneBatch(Swimmers):
         self._remember()
         if given is not None and self._given.depth:
             self._given.put(given[:, -self._given.depth :])
+
+    @staticmethod
+    def lane_width(dtype: type[np.floating]) -> int:
+        """Return how many robots of this type share a register on this machine."""
+        return lane_width(dtype)
 
     def start(self, scenario: Scenario, rows: Selection | None = None) -> None:
         """Put the robots ``rows``, a mask (B,) or numbers (n,), at the start of a scenario of n."""
@@ -271,6 +285,20 @@ class LaneBatch(Swimmers):
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
         self._run(PERFORM, program, steps, (steps, 0), output, SPECTRUM_BIT)
         return spectra[: self.batch]
+
+    def distances(
+        self,
+        commands: Floats,
+        steps: int,
+        scale: float,
+        observed: Reals,
+        which: NDArray[np.intp],
+    ) -> Floats:
+        """Return how far the spectra of :meth:`spectra` are from observed ones, (B,).
+
+        See :func:`~aquafish_gym.engines.compiled.spectrum.spectral_distances`.
+        """
+        return spectral_distances(self.spectra(commands, steps, scale), observed, which)
 
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Reals, ...]:
         counts = RECORDED_CHANNELS | {POSE_BIT: RECORDED_CHANNELS[POSE_BIT] + len(self.plan.fins)}

@@ -64,7 +64,9 @@ def write_block(block: Any, log: Any, first: int, count: int, group: int, zero: 
                 at = channel * BLOCK + k
                 simd.put_transposed(block, at, log, start + k, channels * samples, zero)
         return
-    for lane in range(min(width, log.shape[0] - robot)):
+    first_lane = simd.first_lane(zero)
+    last_lane = min(first_lane + simd.lanes_here(zero), log.shape[0] - robot)
+    for lane in range(first_lane, last_lane):
         for channel in range(channels):
             at = channel * BLOCK * width + lane
             for k in range(count):

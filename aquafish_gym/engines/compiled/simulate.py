@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish_gym.command import lag_parts, late_command
-from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import batch_class
 from aquafish_gym.engines.worlds import longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.scenario import TIMESTEP, Scenario
@@ -22,14 +22,16 @@ def simulate_lanes(
     record: str,
     interval: int,
     begun: int,
+    engine: str = "numba",
 ) -> ImuLog:
-    """Simulate a scenario with the compiled engine; see :func:`aquafish_gym.simulate`."""
+    """Simulate a scenario with the engine "numba" or "cuda"; see :func:`aquafish_gym.simulate`."""
     given = None
     rates = np.zeros(scenario.fin_angles.shape)
     if begun:
         given = _given_before(scenario, commands, interval, begun)
         rates = _joint_rates(scenario, given, TIMESTEP / substeps)
-    lanes = LaneBatch(scenario, dtype, substeps, threads, rates=rates, given=given)
+    batch = batch_class(engine)
+    lanes = batch(scenario, dtype, substeps, threads, rates=rates, given=given)
     logs = []
     for begin, end, robots, to in scenario.segments(steps):
         if to is not None:

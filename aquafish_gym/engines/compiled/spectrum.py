@@ -39,6 +39,10 @@ def padded(samples: int) -> int:
     return -(-coefficients(samples) // PARTIAL_SUMS) * PARTIAL_SUMS
 
 
+register_jitable(coefficients)
+register_jitable(padded)
+
+
 @functools.cache
 def roots_of_unity(samples: int, dtype: str) -> NDArray[np.floating]:
     """Return (cos, -sin) of 2 pi i / T for i < T, flat, in "float32" or "float64"."""
@@ -115,10 +119,11 @@ def _twofold(x: Any, y: Any, s: int, zero: Number) -> None:
 
 
 @register_jitable
-def _transform(series: Any, spare: Any, roots: Any, samples: int, zero: Number) -> Any:
-    """Return where the complex transform of T / 2 ends up: in one of the two arrays."""
+def _transform(series: Any, spare: Any, roots: Any, samples: int, zero: Number) -> bool:
+    """Transform T / 2 complex numbers; return whether the result ends up in ``spare``."""
     x, y = series, spare
     n, s = samples // 2, 1
+    swapped = False
     while n > 1:
         if n % 4 == 0:
             _fourfold(x, y, roots, n, s, zero)
@@ -127,7 +132,8 @@ def _transform(series: Any, spare: Any, roots: Any, samples: int, zero: Number) 
             _twofold(x, y, s, zero)
             n = 1
         x, y = y, x
-    return x
+        swapped = not swapped
+    return swapped
 
 
 @register_jitable
@@ -153,21 +159,33 @@ def _split(z: Any, roots: Any, samples: int, re: Any, im: Any, first: int, zero:
 
 
 @register_jitable
-def write_spectrum(
-    series: Any, roots: Any, samples: int, spectra: Any, group: int, zero: Number
-) -> None:
-    """Transform a group's ``series`` and write its robots' rows of ``spectra`` (B, 2, F').
+def spectrum_rows(samples: int) -> int:
+    """Return how many rows of lanes :func:`write_spectrum` needs: series, spare and planes."""
+    return (GYRO_AXES + 1) * samples + 2 * padded(samples)
 
-    ``series`` is flat lanes, T samples of each signal in turn, and is overwritten; ``samples``
-    is T, and ``roots`` is of :func:`roots_of_unity`.
+
+@register_jitable
+def write_spectrum(
+    work: Any, roots: Any, samples: int, spectra: Any, group: int, zero: Number
+) -> None:
+    """Transform a group's series and write its robots' rows of ``spectra`` (B, 2, F').
+
+    ``work`` is flat lanes, :func:`spectrum_rows` of them. It begins with the series, T samples of
+    each signal in turn, and is overwritten; ``samples`` is T, and ``roots`` is of
+    :func:`roots_of_unity`.
     """
-    width = series.size // (GYRO_AXES * samples)
     rows = spectra.shape[2]
-    spare = np.empty(samples * width, series.dtype)
-    planes = (np.zeros(rows * width, series.dtype), np.zeros(rows * width, series.dtype))
+    width = work.size // spectrum_rows(samples)
+    series = work[: GYRO_AXES * samples * width]
+    rest = work[GYRO_AXES * samples * width :]
+    spare = rest[: samples * width]
+    planes = (rest[samples * width : (samples + rows) * width], rest[(samples + rows) * width :])
+    for row in range(coefficients(samples), rows):
+        put(planes[0], row, zero)
+        put(planes[1], row, zero)
     for axis in range(GYRO_AXES):
         one = series[axis * samples * width : (axis + 1) * samples * width]
-        found = _transform(one, spare, roots, samples, zero)
+        found = spare if _transform(one, spare, roots, samples, zero) else one
         first = axis * (samples // 2 + 1)
         _split(found, roots, samples, planes[0], planes[1], first, zero)
     for plane in range(2):
@@ -177,8 +195,11 @@ def write_spectrum(
 
 
 @register_jitable
-def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: Number) -> float:
-    """Return the sum of |a - b| over the coefficients of two rows of spectra, flat."""
+def partial_distances(one: Any, i: int, other: Any, j: int, rows: int, zero: Number) -> Number:
+    """Return sixteen partial sums of |a - b| over the coefficients of two rows of spectra, flat.
+
+    ``rows`` is how many coefficients are in each sum.
+    """
     total = zero
     a = i * 2 * rows
     b = j * 2 * rows
@@ -187,7 +208,13 @@ def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: 
         re = fetch(one, a + k, zero) - fetch(other, b + k, zero)
         im = fetch(one, a + step + k, zero) - fetch(other, b + step + k, zero)
         total = total + math.sqrt(fma(re, re, im * im))
-    put(sums, 0, total)
+    return total
+
+
+@register_jitable
+def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: Number) -> float:
+    """Return the sum of |a - b| over the coefficients of two rows of spectra, flat."""
+    put(sums, 0, partial_distances(one, i, other, j, rows, zero))
     found = 0.0
     for lane in range(PARTIAL_SUMS):
         found += sums[lane]
