@@ -134,6 +134,7 @@ class TransferCommand:
     target_morphology: TargetMorphology = None
     damage: Annotated[BodyDamage, tyro.conf.arg(aliases=("--target-damage",))] = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
+    native_world: WorldConfig = field(default_factory=WorldConfig)
     out: OptionalOut = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
@@ -154,12 +155,17 @@ class TransferCommand:
             "seconds": config.seconds,
             "seed": config.seed,
         }
+        if self.native_world != WorldConfig():
+            document["native_world"] = asdict(self.native_world)
         settings = {"controller": controller.to_dict(), **asdict(config), **document}
         files = ("transfer.json", "trajectories.png")
         with result_folder(self.out, "a transfer of a gait", settings, files) as out:
             swims = 2 * (config.poses + 1)
             with Console(stderr=True).status(f"{swims} swims of {config.seconds:g} s"):
-                result = transfer(controller, target, config, world=self.target_world)
+                result = transfer(
+                    controller, target, config,
+                    world=self.target_world, native_world=self.native_world,
+                )  # fmt: skip
             print(result)
             if out:
                 from gait.plots import plot_trajectories

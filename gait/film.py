@@ -20,7 +20,13 @@ from aquafish_gym.rendering.films import film, film_suffix
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
-from aquafish_gym.runs.command_line import FILMED_DAMAGE, Given, TargetEngine, read_morphology
+from aquafish_gym.runs.command_line import (
+    FILMED_DAMAGE,
+    Given,
+    Reactive,
+    TargetEngine,
+    read_morphology,
+)
 from aquafish_gym.runs.progress import show_share
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import output_file
@@ -70,6 +76,7 @@ class Film(Given):
     seconds: float = SECONDS
     """Length of a swim."""
     engine: TargetEngine = "auto"
+    reactive: Reactive = False
     seed: int = 0
     """Seed of random damage and of the noise of sensors."""
     width: int = 960
@@ -142,7 +149,8 @@ class Film(Given):
             body = read_morphology(file, "morphology", controller.plan)
         rng = np.random.default_rng([self.seed, number])
         damage = damage.sample(rng, parts_of(body.plan))
-        robot = damage.edit(Scenario.create(body), controller.interval).draw_angles([rng])
+        whole = Scenario.create(body, reactive=self.reactive)
+        robot = damage.edit(whole, controller.interval).draw_angles([rng])
         (path,) = rollout(
             [controller.policy(robot.fin_angles[0])],
             robot,

@@ -32,6 +32,7 @@ from aquafish_gym.runs.command_line import (
     Given,
     Out,
     Plan,
+    Reactive,
     TargetEngine,
     read_morphology,
 )
@@ -46,7 +47,13 @@ from aquafish_gym.utils.storage import (
     write_bytes,
     write_document,
 )
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, printable
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    flag,
+    integer,
+    printable,
+)
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from gait.controllers.controller import Controller
 from gait.search.evolve import EvolveConfig
@@ -70,7 +77,7 @@ class CaseStudy(Given):
 
     example: ClassVar[str] = "--damage left_pectoral:length=0.5 --replicates 3 --out out/recovery"
     main_options: ClassVar[tuple[str, ...]] = (
-        "out", "plan", "damage", "held_out", "morphology", "seed", "replicates", "gyro_noise",
+        "out", "plan", "damage", "held_out", "reactive", "seed", "replicates", "gyro_noise",
         "target_engine", "workers", "redraw",
     )  # fmt: skip
 
@@ -80,6 +87,7 @@ class CaseStudy(Given):
     held_out: bool = False
     """Give each replicate one of the ten held-out damages instead of --damage."""
     morphology: BodyFile = None
+    reactive: Reactive = False
     seed: int = 0
     """Seed of the first replicate."""
     replicates: Annotated[int, arg(aliases=("--seeds",))] = 1
@@ -171,6 +179,7 @@ class CaseStudy(Given):
             damages = [Damage.parse(text)]
             damages[0].apply(body)
         finite_array("gyro_noise", self.gyro_noise, (), 0.0, MAXIMUM_SPIN, "rad/s")
+        flag("reactive", self.reactive)
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
         eea, gaits = self._eea(), self._gaits(body.plan)
@@ -187,6 +196,7 @@ class CaseStudy(Given):
                 gait=replace(gaits[spec.search], seed=seed),
                 transfer=replace(swims, seed=seed),
                 gyro_noise=self.gyro_noise,
+                reactive=self.reactive,
             )
             for seed in range(self.seed, self.seed + self.replicates)
             for name, spec in longest_first
@@ -284,6 +294,7 @@ class CaseStudy(Given):
             *("aquafish", "film", old, old, f"{folder}/joint-fins/controller.json"),
             *("--morphology", f"{folder}/undamaged/morphology.json"),
             *("--damage", "none", damage, damage, "--label", *SWIMS, "--html", "swim.html"),
+            *(["--reactive"] if shown.reactive else []),
         ]
         return [shlex.join(words), shlex.join(replay)]
 
@@ -323,6 +334,7 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
         "morphology": job.morphology.to_dict(),
         "first_seed": job.seed,
         "gyro_noise": job.gyro_noise,
+        **({"reactive": True} if job.reactive else {}),
         "joint_rounds": first["joint"].eea.rounds,
         **parts,
     }

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.recovery.report import Outcomes, headline, shown_replicate
+from aquafish.recovery.report import Outcomes, headline, shown_replicate, water_line
 from aquafish.recovery.treatment import TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.rendering.course import TRAILS, FilmedSwim
@@ -111,7 +111,8 @@ def report_page(
         "title": title,
         "lead": "The robot does not see its fins; it measures how its body turns. From "
         f"{trials} trials of {duration:g} s it estimates {estimates}. "
-        "It then searches a gait for that body in simulation, without further trials.",
+        "It then searches a gait for that body in simulation, without further trials."
+        f"{water_line(report['config'])}",
         "shown": rule if count > 1 else f"Shown is seed {job.seed}, the only replicate.",
         "knowledge": knowledge,
         "commands": "\n".join(commands),

@@ -181,7 +181,7 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
         "# Damage recovery",
         f"{_damage_line(report)} Each row has another gait, which swam for "
         f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). The robot is "
-        f"{CM_PER_UNIT * plan.hull.length:g} cm long.",
+        f"{CM_PER_UNIT * plan.hull.length:g} cm long.{water_line(config)}",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST_VALUES else ''}. "
         f"Trials on the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise "
@@ -224,6 +224,13 @@ def _damage_line(report: dict[str, Any]) -> str:
         each = [o["damage"] for o in next(iter(report["replicates"].values()))]
         return f"Each replicate has another damage: {', '.join(f'`{d}`' for d in each)}."
     return f"Damage: `{report['config']['damage']}`."
+
+
+def water_line(config: Mapping[str, Any]) -> str:
+    """Return what a report adds where the water is not that of the paper."""
+    if not config.get("reactive"):
+        return ""
+    return " It swims in water with added mass, and so do all its models."
 
 
 def headline(report: dict[str, Any]) -> list[str]:

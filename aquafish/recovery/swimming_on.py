@@ -25,12 +25,17 @@ ONSET_SECONDS = 12.0  # s; in the first ten the agent measures its model's error
 
 
 def swim_on(
-    morphology: Morphology, damage: Damage, config: TransferConfig, noise: float
+    morphology: Morphology,
+    damage: Damage,
+    config: TransferConfig,
+    noise: float,
+    reactive: bool = False,
 ) -> tuple[Morphology, Controller, Floats, Floats]:
     """Return the self-model and the gait of a robot that breaks in mid-swim, and how far it swims.
 
     It swims the library's first gait until ``damage`` strikes, and for ``config.seconds`` after it.
-    The agent knows its initial fin angles and observes its gyroscope alone, with ``noise`` (rad/s).
+    The agent knows its initial fin angles, and whether its water is ``reactive``, and observes its
+    gyroscope alone, with ``noise`` (rad/s).
 
     Returns
     -------
@@ -46,7 +51,10 @@ def swim_on(
     faults += [Fault("gyro", "noise", noise)] if noise else []
     end = ONSET_SECONDS + config.seconds
     task = SwimForward(seconds=0.2 * math.ceil(end / 0.2 - 1e-9))
-    env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task, plan=plan)
+    env = AquaFishEnv(
+        morphology, Damage(tuple(faults)), config.target_engine,
+        task=task, reactive=reactive, plan=plan,
+    )  # fmt: skip
     settings = AgentConfig(
         end,
         gyro_noise=noise,
@@ -61,7 +69,7 @@ def swim_on(
     gaits = []
     native = []
     target = []
-    robot = Scenario.create(morphology)
+    robot = Scenario.create(morphology, reactive=reactive)
     for pose in (np.zeros(len(plan.fins)), *random_poses(config.poses, config.seed, plan)):
         # Without teachers: the case study compares and exports controllers.
         agent = SelfModelAgent(config=settings, robot=robot, teachers=())

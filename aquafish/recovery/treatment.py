@@ -13,6 +13,7 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.utils.array_types import Floats
+from aquafish_gym.world_config import WorldConfig
 from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition, Config
@@ -127,6 +128,7 @@ class Treatment:
     gait: EvolveConfig
     transfer: TransferConfig
     gyro_noise: float = 0.0  # standard deviation, rad/s
+    reactive: bool = False  # whether the water has added mass: of the robot and of all models
 
     @property
     def name(self) -> str:
@@ -183,15 +185,19 @@ def treat(job: Treatment) -> dict[str, Any]:
         robot that swims on has neither generations nor these.
     """
     if job.spec.online:
-        body, gait, *far = swim_on(job.morphology, job.damage, job.transfer, job.gyro_noise)
+        body, gait, *far = swim_on(
+            job.morphology, job.damage, job.transfer, job.gyro_noise, job.reactive
+        )
         outcome = _outcome(job, AssumedRobot(body, []), gait, *far)
         return {**outcome, "generations": [], "swims": {}}
     model = _model(job)
     # A sample needs random poses; without any, the gait is for the one body.
-    evolved = evolve_gait(model.bodies if job.gait.poses else [model.body], job.gait)
+    bodies = model.bodies if job.gait.poses else [model.body]
+    water = WorldConfig(reactive=job.reactive)
+    evolved = evolve_gait(bodies, job.gait, world=water)
     sensed = model.fins if "fins" in job.gait.senses else {}
     config = replace(job.transfer, **sensed)
-    scored = transfer(evolved.controller, job.target, config, model.body)
+    scored = transfer(evolved.controller, job.target, config, model.body, water, native_world=water)
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
@@ -243,8 +249,13 @@ def _model(job: Treatment) -> AssumedRobot:
         config = config.under(job.spec.model)
     hidden, gap = streams(job.seed)["target"], RealityGap(gyro_noise=job.gyro_noise)
     engine = job.transfer.target_engine
-    target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
-    method = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    target = EngineTarget(
+        job.morphology, job.damage, hidden, config.steps, engine, gap=gap, reactive=job.reactive
+    )
+    method = fish_eea(
+        target, config, job.seed, target.morphology,
+        threads=job.gait.threads, reactive=job.reactive,
+    )  # fmt: skip
     rounds = [
         {name: value for name, value in record.to_dict().items() if name != "seconds"}
         for record in method

@@ -166,9 +166,9 @@ def sampling_steps(controller: Controller) -> int:
     return math.gcd(INTERVAL, controller.interval)
 
 
-def check_world(world: WorldConfig | None) -> WorldConfig:
+def check_world(world: WorldConfig | None, argument: str = "world") -> WorldConfig:
     """Return a world; None is the default."""
-    return _MODEL_WORLD if world is None else instance("world", world, WorldConfig)
+    return _MODEL_WORLD if world is None else instance(argument, world, WorldConfig)
 
 
 def step_count(seconds: float) -> int:

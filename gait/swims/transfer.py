@@ -123,6 +123,7 @@ def transfer(
     native: MorphologyLike = None,
     world: WorldConfig | None = None,
     observe_fins: str | bool = False,
+    native_world: WorldConfig | None = None,
 ) -> Transfer:
     """Return how a controller swims on its native body and on the target.
 
@@ -132,8 +133,8 @@ def transfer(
         As controller, morphology and ``observe_fins`` of :func:`gait.swim`.
     native
         The native body; None is the controller's ``morphology``.
-    world
-        The target's water and servos; those of the native body are the default.
+    world, native_world
+        The water and the servos of the target, and of the native body; None is ``WorldConfig()``.
 
     Raises
     ------
@@ -152,10 +153,13 @@ def transfer(
         raise InvalidArgumentError(
             "native must be given: the controller has no morphology; got None"
         )
+    home_world = check_world(native_world, "native_world")
     engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed, plan)
     return Transfer(
-        native=swims_on(controller, home, poses, engines[0], c.seconds, observe_fins=observe_fins),
+        native=swims_on(
+            controller, home, poses, engines[0], c.seconds, home_world, observe_fins=observe_fins
+        ),
         target=swims_on(
             controller, away, poses, engines[1], c.seconds,
             world, c.angle_error, c.believed_gain, observe_fins,

@@ -23,11 +23,13 @@ from PIL import Image
 
 from aquafish.cli import main
 from aquafish.online import thresholds
+from aquafish.online.agent import SelfModelAgent
 from aquafish.online.gaits import load_library
-from aquafish.recovery import figures
-from aquafish.recovery.command import CaseStudy
+from aquafish.recovery import command, figures, swimming_on
+from aquafish.recovery.command import CaseStudy, _settings
 from aquafish.recovery.page import report_page
-from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS
+from aquafish.recovery.report import build_report
+from aquafish.recovery.treatment import EVOLVED_BODIES, TREATMENTS, treat
 from aquafish_gym import held_out
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
@@ -331,6 +333,77 @@ def test_a_plan_has_its_own_damage_and_held_out_ones() -> None:
     assert treatments == TREATMENTS.keys() - {"swims-on"}  # without a library of gaits
     with pytest.raises(InvalidArgumentError, match="damage part must be one of fore_left"):
         CaseStudy(plan="four-fins", damage="caudal:missing").treatments()
+
+
+@pytest.mark.slow  # compiles the tail fish in both waters
+def test_all_of_a_study_swims_in_the_same_water(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials, models, gaits and both bodies; the same seed in plain water has other numbers."""
+    known = []
+
+    def agent(robot: Any, **options: Any) -> SelfModelAgent:
+        known.append(robot.reactive)
+        return SelfModelAgent(robot=robot, **options)
+
+    monkeypatch.setattr(swimming_on, "SelfModelAgent", agent)
+    small = {
+        "plan": "tail-fish", "damage": "tail:length=0.7", "rounds": 2, "joint_rounds": 2,
+        "models": 6, "angle_sets": 6, "generations": 3, "population": 12, "gait_poses": 1,
+        "search_generations": 3, "search_restarts": 1, "random_candidates": 10,
+        "search_population": 10, "poses": 2, "seconds": 2.0, "target_engine": "numba",
+    }  # fmt: skip
+    plain, reactive = (
+        {
+            job.treatment: treat(job)
+            for job in CaseStudy(**small, reactive=water).treatments()
+            if job.treatment in ("out-of-band", "joint", "oracle", "swims-on")
+        }
+        for water in (False, True)
+    )
+    for name, found in reactive.items():
+        assert found["target_distance"] > 3 * plain[name]["target_distance"]
+        assert found["native_distance"] > 3 * plain[name]["native_distance"]
+        if name != "swims-on":
+            evolved = found["generations"][-1]["distance"]  # in single precision
+            assert found["native_distance"] == pytest.approx(evolved, rel=0.1)
+    for name in ("out-of-band", "joint"):
+        assert reactive[name]["rounds"] != plain[name]["rounds"]
+    # Trials in one water and models in the other would have another water as a finding.
+    assert "as noise would" in reactive["joint"]["verdict"]
+    assert not any("resists acceleration" in finding for finding in reactive["joint"]["findings"])
+    best = reactive["oracle"]
+    assert best["native_distance"] == pytest.approx(best["target_distance"], abs=1e-9)
+    assert known == [False] * 3 + [True] * 3
+    assert reactive["swims-on"]["objective_fitness"] > 0.99
+
+
+def test_a_study_says_in_which_water_it_swims() -> None:
+    study = CaseStudy(plan="tail-fish", reactive=True)
+    jobs = study.treatments()
+    assert all(job.reactive for job in jobs)
+    assert _settings(jobs)["reactive"] is True
+    again, replay = study._commands(jobs[0])
+    assert again == "aquafish recover --plan tail-fish --reactive"
+    assert replay.endswith(" --reactive")
+    plain = CaseStudy(plan="tail-fish")
+    assert "reactive" not in _settings(plain.treatments())
+    assert "--reactive" not in " ".join(plain._commands(plain.treatments()[0]))
+    with pytest.raises(InvalidArgumentError, match="reactive must be True or False"):
+        CaseStudy(reactive="yes").treatments()  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_report_and_its_page_name_added_mass(
+    again: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = "in water with added mass, and so do all its models."
+    assert words not in (again / "report.md").read_text() + (again / "report.html").read_text()
+    whole = build_report
+    monkeypatch.setattr(
+        command, "build_report", lambda config, *rest: whole({**config, "reactive": True}, *rest)
+    )
+    assert recover(again, *SMALL, "--redraw").returncode == 0
+    assert words in (again / "report.md").read_text()
+    assert words in (again / "report.html").read_text()
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from PIL import Image
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.world_config import WorldConfig
 from gait.__main__ import main
 from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
@@ -57,6 +58,17 @@ def test_one_controller_swims_with_several_damages(
     ]  # fmt: skip
     far = [float(line.rpartition(": ")[2].split()[0]) for line in lines[:3]]
     assert len(set(far)) == 3
+
+
+def test_a_film_in_reactive_water_shows_that_swim(controller_file: Path) -> None:
+    films = [
+        Film((controller_file,), seconds=2.0, engine="numba", reactive=reactive)
+        for reactive in (False, True)
+    ]
+    plain, reactive = (film._swims()[0].position[-1] for film in films)
+    world = WorldConfig(reactive=True)
+    direct = swim(make_controller(), NOMINAL, engine="numba", seconds=2.0, world=world)
+    assert reactive.tolist() == direct.position[-1].tolist() != plain.tolist()
 
 
 @pytest.mark.parametrize(("kind", "engine"), [("film", "numba"), ("replay", "pybullet")])

@@ -73,6 +73,7 @@ def test_transfer_prints_and_writes_the_same_numbers(
     out = tmp_path / "out"
     words = ["transfer", "--controller", controller_file, "--out", str(out), "--poses", "2"]
     words += ["--seconds", "1", "--target-world.servo-gain", "1", "0.5", "1"]
+    words += ["--native-world.reactive"]
     assert main([*words, option, "left_pectoral:length=0.5"]) == 0
     table = capsys.readouterr().out.splitlines()
     report = json.loads((out / "transfer.json").read_text())
@@ -81,6 +82,8 @@ def test_transfer_prints_and_writes_the_same_numbers(
         assert line.split()[-2:] == numbers
     assert report["target_morphology"]["left_pectoral"] == [0.4, 0.8, 0.1]
     assert report["target_world"]["servo_gain"] == [1.0, 0.5, 1.0]
+    assert report["native_world"]["reactive"] is True
+    assert not report["target_world"]["reactive"]
     assert (out / "trajectories.png").exists()
 
 

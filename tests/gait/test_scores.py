@@ -161,6 +161,17 @@ def test_only_the_target_of_a_transfer_is_in_another_world() -> None:
     assert np.abs(odd.target.random_distances - plain.target.random_distances).min() > 1e-4
 
 
+def test_the_native_body_of_a_transfer_has_a_world_too() -> None:
+    controller = make_controller(1, 15)
+    config = TransferConfig(poses=2, seconds=1.0, target_engine="numba")
+    both = transfer(controller, controller.morphology, config, world=ODD, native_world=ODD)
+    assert both.native.to_dict() == both.target.to_dict()
+    plain = transfer(controller, HALF, config)
+    odd = transfer(controller, HALF, config, native_world=ODD)
+    assert odd.target.to_dict() == plain.target.to_dict()
+    assert np.abs(odd.native.random_distances - plain.native.random_distances).min() > 1e-4
+
+
 def test_gait_is_evolved_for_its_world(tmp_path: Path) -> None:
     config = EvolveConfig(seed=3, generations=2, population=12, poses=1, seconds=1.0, paper=True)
     seized = WorldConfig(servo_gain=(1.0, 0.0, 1.0))

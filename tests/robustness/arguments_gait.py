@@ -142,11 +142,11 @@ ROWS = [
         {
             "controller": CONTROLLER, "target": BODY,
             "config": TransferConfig(poses=1, seconds=0.1, target_engine="numba"), "native": BODY,
-            "world": WorldConfig(), "observe_fins": False,
+            "world": WorldConfig(), "observe_fins": False, "native_world": WorldConfig(),
         },
         options(
             controller=CALLABLE, target=NO_BODY, config="none",
-            native=NO_BODY, world="none",
+            native=NO_BODY, world="none", native_world="none",
         ),
     ),
     Call(
