@@ -20,6 +20,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -29,17 +30,18 @@ from typing import Annotated, ClassVar
 import tyro
 
 from aquafish_gym import held_out
-from aquafish_gym.engines.packages import available_cores
+from aquafish_gym.engines.packages import available_cores, check_gpu
 from aquafish_gym.runs.command_line import REFUSED, run_command_line
 from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.runs.version import git, is_clone
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, one_of
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
 
 ROOT = Path(__file__).parents[1]
 RECORDS = ROOT / "docs" / "provenance.json"
 GOLDEN = ROOT / "tests" / "golden.json"
+GPU = "an NVIDIA GPU"
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Result:
     folder
         Name of its folder, which several results may share; by default that of the result.
     needs
-        Modules that must be installed, and folders of the clone that must exist: downloads.
+        Modules that must be installed, folders of the clone that must exist (downloads), and "an
+        NVIDIA GPU".
     """
 
     commands: tuple[str, ...]
@@ -79,11 +82,17 @@ class Result:
 
     def missing(self) -> list[str]:
         """Return what it needs and is not here."""
-        return [
-            need
-            for need in self.needs
-            if not ((ROOT / need).exists() if "/" in need else find_spec(need))
-        ]
+        return [need for need in self.needs if not _is_here(need)]
+
+
+def _is_here(need: str) -> bool:
+    """Return whether a module, a folder of the clone or a GPU is here."""
+    if need == GPU:
+        with suppress(EngineUnavailableError):
+            check_gpu()
+            return True
+        return False
+    return (ROOT / need).exists() if "/" in need else find_spec(need) is not None
 
 
 @dataclass(frozen=True)
@@ -336,6 +345,14 @@ RESULTS: dict[str, Result] = {
         cpu_minutes=4,
         smallest="--quick",
         needs=("mujoco", "pybullet"),
+    ),
+    "performance-gpu": Result(
+        commands=("python -m instruments.benchmarks.gpu",),
+        files={"docs/results/performance/gpu.md": "table.md"},
+        golden=_SWIMS,
+        cpu_minutes=10,
+        smallest="--robots 1000 --double 1000 --lanes 1000 --mjx 1000",
+        needs=(GPU,),
     ),
     **{
         f"performance-{name}": Result(
