@@ -105,7 +105,7 @@ def at_once(dtype: str) -> int:
 
 
 def launched(kernel: Any, registers: int) -> Callable[..., None]:
-    """Return what launches a kernel for so many registers of lanes, or a few more."""
+    """Return what launches a kernel for this many registers of lanes, or a few more."""
     with warnings.catch_warnings():  # few robots do not fill a GPU, and need not
         warnings.simplefilter("ignore")
         launch: Callable[..., None] = kernel[-(-registers * WIDTH // THREADS), THREADS]

@@ -229,7 +229,16 @@ WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
 }
+BATCHES: dict[str, str] = {
+    "numba": "aquafish_gym.engines.compiled.lanes:LaneBatch",
+    "cuda": "aquafish_gym.engines.cuda:CudaBatch",
+}
 RECORDER = "aquafish_gym.engines.divergence:Recorded"
+
+
+def batch_class(engine: str) -> Any:
+    """Return the class of an engine's compiled batches: ``LaneBatch``, or its own of that."""
+    return resolve_name(BATCHES[engine])
 
 
 def recording_folder() -> Path | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from aquafish_gym.engines.worlds import batch_class
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.rollout.plan import Plan, Program, Trajectories
@@ -27,7 +28,7 @@ def swim_many(
     """Swim all robots in the compiled loop, which stops where some of them change."""
     # numba comes with its engine: importing this module stays quick.
     from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
-    from aquafish_gym.engines.compiled.lanes import batch_class, pack_rows
+    from aquafish_gym.engines.compiled.lanes import pack_rows
 
     scenario = plan.scenario
     lanes = batch_class(engine)(scenario, dtype, plan.substeps, threads, states=start)

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.compiled.lanes import LaneBatch, batch_class
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
     pack_spectra,
 )
+from aquafish_gym.engines.worlds import batch_class
 from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats

@@ -15,6 +15,7 @@ from typing import Any
 import eea.core.algorithm
 import eea.core.genetic
 import eea.fish.spectral
+from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
 from eea.core.genome import BitLayout
@@ -33,7 +34,7 @@ REST = "the rest"
 PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "physics, transform": ((LaneBatch, "_run"),),
     "batches": ((LaneBatch, "__init__"), (LaneBatch, "spectra")),
-    "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (eea.fish.spectral, "spectral_distances")),
+    "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (lanes, "spectral_distances")),
     "Eq. 1": ((eea.fish.spectral, "disagreements"),),
     "GA": (
         (eea.core.algorithm, "next_generation"),

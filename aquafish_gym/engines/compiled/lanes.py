@@ -76,15 +76,6 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
-def batch_class(engine: str) -> type[LaneBatch]:
-    """Return the class of batches of the engine "numba" or "cuda"."""
-    if engine == "numba":
-        return LaneBatch
-    from aquafish_gym.engines.cuda import CudaBatch  # it loads CUDA
-
-    return CudaBatch
-
-
 @functools.cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the process's extra threads, started when needed and idle between calls.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquafish_gym.command import lag_parts, late_command
-from aquafish_gym.engines.compiled.lanes import batch_class
-from aquafish_gym.engines.worlds import longest_lags, remembered_steps
+from aquafish_gym.engines.worlds import batch_class, longest_lags, remembered_steps
 from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Floats
