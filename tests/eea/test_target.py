@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.plans import AQUAFISH
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -313,14 +314,14 @@ def test_engine_compares_only_what_it_can_transform():
 
 def test_a_robot_that_diverged_is_like_nothing(monkeypatch):
     lab = evaluator(compiled=True)
-    spectra = SpectralComparer._spectra
+    spectra = LaneBatch.spectra
 
-    def sick(self, trials):
-        found = spectra(self, trials)
+    def sick(self, *arguments):
+        found = spectra(self, *arguments)
         found[2] = np.nan
         return found
 
-    monkeypatch.setattr(SpectralComparer, "_spectra", sick)
+    monkeypatch.setattr(LaneBatch, "spectra", sick)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
     sim = lab.similarities(TRIALS, observed, which)
     assert sim[2] == DIVERGED_SIMILARITY
