@@ -405,6 +405,29 @@ RESULTS: dict[str, Result] = {
         "--budget-divisor 1000",
         needs=("stable_baselines3",),
     ),
+    **{
+        f"fish-{condition}": Result(
+            commands=(
+                f"aquafish study --plan four-fins --held-out --conditions {condition} --steps 256 "
+                f"--rounds {rounds} --replicates 10 --gap.gyro-noise 0.01",
+            ),
+            files={f"docs/results/fish/{condition}.json": "summary.json"},
+            golden=("run out-of-band", "run joint", "study", "FourFins-v0 numba"),
+            cpu_minutes=minutes,
+            smallest="--preset smoke --replicates 2 --rounds 2",
+        )
+        for condition, rounds, minutes in (("joint", 2, 10), ("out-of-band", 20, 20))
+    },
+    "fish-league": Result(
+        commands=(
+            "python -m experiments.league --plan four-fins --entrants blind self-model "
+            "--tiers severe --episodes 20",
+        ),
+        files=_files("docs/results/fish", "league.json"),
+        golden=(*_LEAGUE_CASES, "FourFins-v0 numba"),
+        cpu_minutes=20,
+        smallest="--episodes 1",
+    ),
     "scores-return": Result(
         commands=(
             "python -m experiments.scores --tasks forward --replicates 1 --controllers "
