@@ -231,7 +231,7 @@ class FishEnvBase:
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spec and FishSpec.of(spec, self._last)
+        self._spec = spec and FishSpec.of(spec, self._last, self.plan)
 
 
 def float_action(action: object, shape: tuple[int, ...]) -> Floats | NDArray[np.float32]:

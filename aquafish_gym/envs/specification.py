@@ -35,9 +35,14 @@ class FishSpec(EnvSpec):
     _last: int | None = None  # how many steps its episodes have at most
 
     @classmethod
-    def of(cls, spec: EnvSpec, last: int) -> FishSpec:
-        """Return a specification with the length of its episodes, in steps."""
+    def of(cls, spec: EnvSpec, last: int, plan: BodyPlan) -> FishSpec:
+        """Return a specification with the length of its episodes, in steps, and the plan itself.
+
+        A plan was given as a file, perhaps, which need not be there where it is read again.
+        """
         given = {one.name: getattr(spec, one.name) for one in fields(spec) if one.init}
+        if "plan" in spec.kwargs:
+            given["kwargs"] = {**spec.kwargs, "plan": plan}
         found = cls(**given | {"max_episode_steps": last})
         found._last = last
         return found

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from enum import IntEnum, StrEnum
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -23,6 +24,7 @@ from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS, SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.plans import BodyPlan
 from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.plans import ODD
 
@@ -106,6 +108,21 @@ def test_what_is_read_equals_what_was_written(name: str) -> None:
             other = copy.deepcopy(spec)
             other.kwargs["frame_skip"] = 7
             assert read_again(envs) != other
+
+
+def test_a_plan_of_a_file_is_written_itself(tmp_path: Path) -> None:
+    path = tmp_path / "odd.json"
+    path.write_text(ODD.to_json())
+    env = gym.make("AquaFish-v0", plan=str(path), engine="numba")
+    envs = gym.make_vec("AquaFish-v0", num_envs=2, plan=str(path))
+    path.unlink()
+    for one, make in ((env, gym.make), (envs, gym.make_vec)):
+        written = json.loads(one.spec.to_json())["kwargs"]["plan"]
+        assert BodyPlan.from_dict(written) == ODD
+        assert make(read_again(one)).unwrapped.plan == ODD
+        assert make(one.spec).unwrapped.plan == ODD
+    assert gym.make(envs.get_attr("spec")[1]).unwrapped.plan == ODD
+    assert json.loads(gym.make("FourFins-v0").spec.to_json())["kwargs"]["plan"] == "four-fins"
 
 
 def test_specifications_that_cannot_be_written_are_equal_by_what_they_hold() -> None:
