@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,8 +116,9 @@ def read_bodies(
 
     A body is an object from fin to [x, y, z], or numbers in the order of the plan's ``dimensions``.
     The file is a body, or an object with a ``morphology``, as a ``result.json``, or with a list of
-    ``morphologies``. Its ``plan`` is that of the bodies; without one they are of the argument
-    ``plan``, or of the paper's fish. Bodies of another plan than the argument are refused.
+    ``morphologies``. Its ``plan`` is that of the bodies; without one they are of the paper's fish,
+    or of the argument ``plan`` if they name its fins. Bodies of another plan than the argument are
+    refused.
 
     Raises
     ------
@@ -132,21 +133,39 @@ def read_bodies(
     document = read_document(path, argument=argument)
     rows = document.get("morphologies", [document.get("morphology", document)])
     try:
-        found = check_plan(document.get("plan", wanted or AQUAFISH))
-        check_same_plan("its bodies", found, wanted or found)
         if not isinstance(rows, list) or not rows:
             raise InvalidArgumentError(
                 f"its morphologies must be a list of one body or more; got {brief(rows)}"
             )
+        found = check_plan(document.get("plan", wanted or AQUAFISH))
+        check_same_plan("its bodies", found, wanted or found)
+        if "plan" not in document:
+            _check_unsaid_plan(rows, found)
         return tuple(_body(row, found) for row in rows)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
 
 
+def _check_unsaid_plan(rows: list[object], wanted: BodyPlan) -> None:
+    """Refuse bodies that are the paper's fish, as they do not say otherwise, where another is."""
+    own_names = sorted(wanted.names) != sorted(AQUAFISH.names)
+    if wanted != AQUAFISH and not (own_names and all(_names(row, wanted) for row in rows)):
+        fins = f", or name the fins {', '.join(wanted.names)}" if own_names else ""
+        raise InvalidArgumentError(
+            f'its bodies must say under "plan" that they are of {wanted.name}{fins}; without that '
+            f"they are of {AQUAFISH.name}; got {brief(rows[0])}"
+        )
+
+
+def _names(value: object, plan: BodyPlan) -> TypeGuard[dict[str, Any]]:
+    """Return whether a body names all fins of a plan, and no other."""
+    return isinstance(value, dict) and sorted(value) == sorted(plan.names)
+
+
 def _body(value: object, plan: BodyPlan) -> Morphology:
     if isinstance(value, list):
         return Morphology.from_array(value, plan)
-    if not isinstance(value, dict) or sorted(value) != sorted(plan.names):
+    if not _names(value, plan):
         raise InvalidArgumentError(
             f"a body must be an object with the keys {', '.join(plan.names)}, or "
             f"{len(plan.dimensions)} numbers; got {brief(value)}{other_plans(plan)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,31 @@ def test_a_file_without_bodies_is_named(tmp_path: Path, read: Any, text: str, me
     with pytest.raises(InvalidArgumentError, match=rf"^body: .*fish\.json.*({message})") as caught:
         read(path, "body")
     assert len(str(caught.value)) < 500
+
+
+def test_a_file_that_says_no_plan_is_of_the_papers_fish(tmp_path: Path) -> None:
+    """Unless its fins can only be another's: numbers alone would fit several plans."""
+    path = tmp_path / "fish.json"
+    tail, body = Morphology.nominal("tail-fish"), Morphology.nominal()
+    path.write_text(json.dumps(tail.to_dict()))
+    assert read_bodies(path, plan="tail-fish") == (tail,)
+    twin = replace(AQUAFISH, name="twin")
+    both = "twin|tail-fish|four-fins"
+    for rows, plan in (
+        (tail.to_array().tolist(), "tail-fish"),
+        (body.to_dict(), "tail-fish"),
+        (body.to_array().tolist(), "four-fins"),
+        (body.to_dict(), twin),
+        ({**tail.to_dict(), "dorsal": [0.1, 0.1, 0.1]}, "tail-fish"),
+    ):
+        path.write_text(json.dumps({"morphology": rows}))
+        words = rf"fish\.json: its bodies must say .* that they are of ({both}).* of aquafish; got"
+        with pytest.raises(InvalidArgumentError, match=words):
+            read_bodies(path, plan=plan)
+    path.write_text(json.dumps({"morphologies": [body.to_dict(), body.to_array().tolist()]}))
+    assert read_bodies(path) == read_bodies(path, plan="aquafish") == (body, body)
+    path.write_text(json.dumps({"plan": twin.to_dict(), "morphology": body.to_dict()}))
+    assert read_bodies(path, plan=twin) == (replace(body, plan=twin),)
 
 
 def test_devices_pipes_and_huge_files_are_refused(tmp_path: Path) -> None:
