@@ -88,14 +88,18 @@ def register() -> None:
         register_module(module)
 
 
-def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -> Any:
+def compiled(
+    function: Callable[..., Any], slow: bool = False, stamp: str = "", **options: Any
+) -> Any:
     """Return a function that is compiled on its first call and cached on disk where possible.
 
-    The first compilation of a ``slow`` function in a process prints a notice on stderr.
+    The first compilation of a ``slow`` function in a process prints a notice on stderr. The cache's
+    key has ``stamp``, a :func:`source_stamp` that the function's closure does not have.
     ``options`` are those of ``numba.njit``.
     """
-    found = njit(**options)(function)
-    found._cache = KernelCache(function, _module_stamp(function.__module__), _say_unkept)
+    found = njit(no_cfunc_wrapper=True, **options)(function)
+    stamp = _module_stamp(function.__module__) + stamp
+    found._cache = KernelCache(function, stamp, _say_unkept)
     if slow:
         _slow.add(function)
         _listen()

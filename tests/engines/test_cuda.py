@@ -101,7 +101,7 @@ class StandIn:
             *tables, works, groups = arguments
             assert works.shape[0] <= 4 * 4 * 8
             plain = [table.view(np.ndarray) for table in tables[:4]]
-            kernel(*plain, *map(plainly, tables[4:]), 0, groups)
+            kernel(*plain, *map(plainly, tables[4:]), plainly(works)[0], 0, groups)
 
         return {(-(-n // 8), 128): launch for n in range(1, 4 * 4 * 8 + 1)}
 

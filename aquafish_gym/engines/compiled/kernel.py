@@ -35,8 +35,6 @@ import sys
 from collections.abc import Callable
 from typing import Any, Literal
 
-import numpy as np
-
 from aquafish_gym import command, sense
 from aquafish_gym.command import servos
 from aquafish_gym.engines.compiled import episode, lag, recording
@@ -58,8 +56,8 @@ from aquafish_gym.engines.compiled.episode import (
 from aquafish_gym.engines.compiled.lag import arrived, begin_lag
 from aquafish_gym.engines.compiled.recording import (
     BLOCK,
-    GYRO_BIT,
     POSE_BIT,
+    RPY_BIT,
     SPECTRUM_BIT,
     put_sample,
     write_blocks,
@@ -107,25 +105,12 @@ def compile_kernel(
     functions: Any = None,
     late: bool = False,
 ) -> Any:
-    """Return the compiled loop of :func:`time_loop`, without ``work``; it compiles lazily.
+    """Return the compiled loop of :func:`time_loop`, which compiles lazily.
 
-    It may be called from several threads at once.
+    It may be called from several threads at once, each with a ``work`` of its own.
     """
-    swim, stamp = time_loop(plan, policy, width, reactive, functions, late)
-    fins = len(plan.fins)
-
-    def kernel(
-        parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
-        h: float, clock: Any, output: Any, record: int, begin: int, end: int,
-    ) -> None:  # fmt: skip
-        stamp  # noqa: B018  # part of the cache's key; see source_stamp
-        work = np.empty(work_rows(record, clock[1], fins) * width, parameters.dtype)
-        swim(
-            parameters, states, conditions, given, program, task, h, clock, output, record, work,
-            begin, end,
-        )  # fmt: skip
-
-    return compiled(kernel, slow=True, nogil=True)
+    loop, stamp = time_loop(plan, policy, width, reactive, functions, late)
+    return compiled(loop, slow=True, stamp=stamp, nogil=True)
 
 
 def work_rows(record: int, steps: int, fins: int) -> int:
@@ -155,6 +140,7 @@ def time_loop(
     of = law(plan)
     closed = not isinstance(policy, str)
     acts = policy == ACT
+    recorded = policy == PERFORM  # nothing else is, and compiling the recorders takes seconds
     judged = functions is not None
     # An action's water, goal and memory are the caller's.
     flows = closed and judged and functions.current is not None
@@ -209,15 +195,16 @@ def time_loop(
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (robot_rows * width)
         block = BLOCK * width
-        blocks = (
-            work[: 3 * block],
-            work[3 * block : 6 * block],
-            work[6 * block : (13 + fins) * block],
-        )
         rest = work[(13 + fins) * block :]
         lag_steps, scratch = rest[:width], rest[width : (1 + fins) * width]
-        series = rest[(1 + fins) * width :]
-        rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
+        if recorded:
+            blocks = (
+                work[: 3 * block],
+                work[3 * block : 6 * block],
+                work[6 * block : (13 + fins) * block],
+            )
+            series = rest[(1 + fins) * width :]
+        rates_only = not closed and not record & RPY_BIT
         dt = interval * TIMESTEP
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
@@ -309,9 +296,9 @@ def time_loop(
                     if remembers:
                         put_memory(rows, recall(task, done))
                 # ... and what is asked for is recorded.
-                if record & SPECTRUM_BIT:
+                if recorded and record & SPECTRUM_BIT:
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
-                elif record:
+                elif recorded and record:
                     put_sample(blocks, record, in_block, rpy, state)
                     if record & POSE_BIT:
                         put_fins(blocks[2], 7, in_block, BLOCK, joint_angles(state.joints))
@@ -319,7 +306,7 @@ def time_loop(
                     if in_block == BLOCK or t == steps - 1:
                         write_blocks(blocks, logs, record, t + 1 - in_block, in_block, group, zero)
                         in_block = 0
-            if record & SPECTRUM_BIT:
+            if recorded and record & SPECTRUM_BIT:
                 write_spectrum(series, roots, steps, spectra, group, zero)
             if rates_only:
                 rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))

@@ -19,6 +19,7 @@ from aquafish_gym.engines.compiled.kernel import (
     CompiledPolicy,
     OpenLoop,
     compile_kernel,
+    work_rows,
 )
 from aquafish_gym.engines.compiled.lag import GivenCommands
 from aquafish_gym.engines.compiled.recording import (
@@ -341,10 +342,12 @@ class LaneBatch(Swimmers):
         program = (*program, *(loop.program if loop else self._no_loop))
         h = TIMESTEP / self.substeps
         clock = (self.steps_done, steps, self.substeps, *asking)
+        rows = work_rows(bits, steps, len(self.plan.fins))
 
         def part(begin: int, end: int) -> None:
             tables = (self._parameters, self._states, self._conditions, self._given.table)
-            kernel(*tables, program, task, h, clock, output, bits, begin, end)
+            space = np.empty(rows * self.width, self.dtype)
+            kernel(*tables, program, task, h, clock, output, bits, space, begin, end)
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
