@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import CompiledPolicy, OpenLoop, time_loop, work_rows
-from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch, recorded
 from aquafish_gym.engines.compiled.spectrum import PARTIAL_SUMS, partial_distances
 from aquafish_gym.physics.arithmetic import put
 from aquafish_gym.physics.compiling import say
@@ -54,13 +54,14 @@ def loop_kernel(
     reactive: bool,
     functions: Any,
     late: bool,
+    records: bool,
     dtype: str,
 ) -> Any:
     """Return the kernel of :func:`~aquafish_gym.engines.compiled.kernel.time_loop`.
 
     Its ``works`` are a row of ``work`` for each register that swims at the same time.
     """
-    swim, _ = time_loop(plan, policy, WIDTH, reactive, functions, late)
+    swim, _ = time_loop(plan, policy, WIDTH, reactive, functions, late, records)
 
     def swim_registers(
         parameters: Any, states: Any, conditions: Any, given: Any, program: Any, task: Any,
@@ -150,7 +151,10 @@ class CudaBatch(LaneBatch):
         functions, task = (loop.functions, loop.task) if loop else (None, ())
         late = self._given.depth > 0
         announce()
-        kernel = loop_kernel(self.plan, policy, self.reactive, functions, late, self._dtype_name)
+        kernel = loop_kernel(
+            self.plan, policy, self.reactive, functions, late, recorded(policy, bits),
+            self._dtype_name,
+        )  # fmt: skip
         program = (*program, *(loop.program if loop else self._no_loop))
         clock = (self.steps_done, steps, self.substeps, *asking)
         numbers = (TIMESTEP / self.substeps, clock, bits)

@@ -30,6 +30,7 @@ from aquafish_gym.engines.packages import available_cores, check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Reals
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import integer
 from gait.controllers.controller import Controller, program_of
@@ -202,8 +203,11 @@ def time_batch(engine: str, dtype: str, count: int, steps: int) -> Iterator[dict
         yield row_of(engine, dtype, count, swum, loop, kernel, call)
 
 
-def closed_loop(batch: LaneBatch) -> Callable[[int, int], None]:
-    """Return a function that swims robots by a network for some steps, and records some bits."""
+def closed_loop(batch: LaneBatch) -> Callable[[int, int], tuple[Reals, ...]]:
+    """Return a function that swims robots by a network for some steps, and returns their logs.
+
+    It takes the steps and the bits of ``compiled/recording.py``.
+    """
     chance = np.random.default_rng(0)
     weights = np.zeros((6, 17))
     weights[:3, :11] = chance.standard_normal((3, 11))
@@ -217,11 +221,13 @@ def closed_loop(batch: LaneBatch) -> Callable[[int, int], None]:
     loop = ClosedLoop(batch.batch, 3, batch.width, batch.dtype, program.scratch)
     loop["gain"] = 1.0
 
-    def run(steps: int, bits: int) -> None:
-        output = batch._without_spectra(batch._logs(steps, bits))
+    def run(steps: int, bits: int) -> tuple[Reals, ...]:
+        logs = batch._logs(steps, bits)
+        output = batch._without_spectra(logs)
         asking = (program.interval, 0)
         policy = (packed, program.layout)
         batch._run(program.function, policy, steps, asking, output, bits, loop)
+        return logs
 
     return run
 

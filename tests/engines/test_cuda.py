@@ -281,6 +281,11 @@ def test_the_benchmark_prints_and_writes_each_row(
     assert (tmp_path / "table.md").read_text() == f"```text\n{printed}```\n"
     if gpu is not None:
         assert rows[-1]["kernel seconds"] == 2.0
+    robots = Scenario.create(random_trials(20).morphologies)
+    logs = [bench.closed_loop(kind(robots))(8, 3) for kind in (engine.CudaBatch, LaneBatch)]
+    for one, other in zip(*logs, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.ptp(logs[0][0][:, :, 1:], axis=2).min() > 0.0  # written in each step
 
 
 def test_a_missing_package_driver_or_gpu_is_one_sentence(monkeypatch: Any) -> None:

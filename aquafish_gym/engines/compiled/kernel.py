@@ -104,12 +104,13 @@ def compile_kernel(
     reactive: bool = False,
     functions: Any = None,
     late: bool = False,
+    recorded: bool = True,
 ) -> Any:
     """Return the compiled loop of :func:`time_loop`, which compiles lazily.
 
     It may be called from several threads at once, each with a ``work`` of its own.
     """
-    loop, stamp = time_loop(plan, policy, width, reactive, functions, late)
+    loop, stamp = time_loop(plan, policy, width, reactive, functions, late, recorded)
     return compiled(loop, slow=True, stamp=stamp, nogil=True)
 
 
@@ -126,13 +127,15 @@ def time_loop(
     reactive: bool,
     functions: Any,
     late: bool,
+    recorded: bool,
 ) -> tuple[Callable[..., None], str]:
     """Return the loop of a plan for a policy at a lane width, and the stamp of its sources.
 
     Compiled code can call it. ``reactive`` brings in the terms of ``physics/reactive.py``;
     ``functions`` are those of the task that a closed loop does, if any
-    (``envs.tasks.TaskFunctions``). ``late`` is whether any robot's servos have a lag. The loop runs
-    groups ``begin`` to ``end``, one after the other, in ``work``: rows of lanes.
+    (``envs.tasks.TaskFunctions``). ``late`` is whether any robot's servos have a lag, and
+    ``recorded`` whether the loop can record, which takes seconds to compile. The loop runs groups
+    ``begin`` to ``end``, one after the other, in ``work``: rows of lanes.
     """
     register()
     for module in (sys.modules[__name__], command, episode, lag, recording, sense):
@@ -140,7 +143,6 @@ def time_loop(
     of = law(plan)
     closed = not isinstance(policy, str)
     acts = policy == ACT
-    recorded = policy == PERFORM  # nothing else is, and compiling the recorders takes seconds
     judged = functions is not None
     # An action's water, goal and memory are the caller's.
     flows = closed and judged and functions.current is not None

@@ -77,6 +77,11 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
+def recorded(policy: CompiledPolicy | OpenLoop, bits: int) -> bool:
+    """Return whether to compile a loop that can record: one of a series, and where it must."""
+    return policy == PERFORM or bits != 0
+
+
 @functools.cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the process's extra threads, started when needed and idle between calls.
@@ -338,7 +343,9 @@ class LaneBatch(Swimmers):
         """
         functions, task = (loop.functions, loop.task) if loop else (None, ())
         late = self._given.depth > 0
-        kernel = compile_kernel(self.plan, policy, self.width, self.reactive, functions, late)
+        kernel = compile_kernel(
+            self.plan, policy, self.width, self.reactive, functions, late, recorded(policy, bits)
+        )
         program = (*program, *(loop.program if loop else self._no_loop))
         h = TIMESTEP / self.substeps
         clock = (self.steps_done, steps, self.substeps, *asking)
