@@ -3,6 +3,7 @@ later, macOS), no example is too slow on a shared machine, and kernels compile o
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import signal
@@ -23,6 +24,16 @@ settings.load_profile("shared-machine")
 
 # A parent may have had this process ignore Ctrl-C, which some tests send.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# What is imported is no garbage, and looking for some in a million objects takes seconds.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage among what tests make."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -14,7 +14,9 @@ def test_every_case_has_a_hash() -> None:
 
 
 #: Cases of many seconds, whose parts other cases and tests have.
-NIGHTLY = ("evolve station", "league row", "study")
+NIGHTLY = (
+    "agent episode", "evolve station", "league row", "study", "TailFish-v0 pybullet",
+)  # fmt: skip
 
 
 def case(name: str) -> Any:

@@ -124,6 +124,7 @@ def run(clone: Path, *words: str) -> int:
     return main(["mutants", "--repository", str(clone), "--out", str(out), *words])
 
 
+@pytest.mark.slow
 @jobs_in_process()
 def test_survivors_are_reported_and_judged_again(
     clone: Path, capsys: pytest.CaptureFixture[str]

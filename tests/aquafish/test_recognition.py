@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
-from typing import NamedTuple, Self
 
 import numpy as np
 import pytest
@@ -20,25 +20,22 @@ from aquafish_gym.plans import AQUAFISH, FOUR_FINS, BodyPlan
 from aquafish_gym.scenario import Scenario
 
 
-class Fish(NamedTuple):
+class Fish:
     """A whole robot, and its state after some strokes (12, F) from rest at some fin angles."""
 
-    whole: Scenario
-    strokes: np.ndarray
-    fins: np.ndarray
-    state: np.ndarray
+    def __init__(self, plan: BodyPlan) -> None:
+        self.whole = Scenario.create(plan=plan)
+        self.strokes = np.random.default_rng(3).uniform(-1.0, 1.0, (12, len(plan.fins)))
+        self.fins = np.array([0.4, -1.0, 2.0, 1.2])[: len(plan.fins)]
 
-    @classmethod
-    def of(cls, plan: BodyPlan) -> Self:
-        whole = Scenario.create(plan=plan)
-        strokes = np.random.default_rng(3).uniform(-1.0, 1.0, (12, len(plan.fins)))
-        fins = np.array([0.4, -1.0, 2.0, 1.2])[: len(plan.fins)]
-        state = predict(whole, SelfModel(whole, fins).state, strokes)[1][:, 0]
-        return cls(whole, strokes, fins, state)
+    @functools.cached_property
+    def state(self) -> np.ndarray:
+        start = SelfModel(self.whole, self.fins).state
+        return predict(self.whole, start, self.strokes)[1][:, 0]
 
 
-AQUA, FOUR = (Fish.of(plan) for plan in (AQUAFISH, FOUR_FINS))
-WHOLE, STROKES, FINS, STATE = AQUA
+AQUA, FOUR = Fish(AQUAFISH), Fish(FOUR_FINS)
+WHOLE, STROKES = AQUA.whole, AQUA.strokes
 DRIFT, TOLERANCE = np.full(9, 1e-4), np.full(9, 0.05)
 DEAF = replace(WHOLE, sensor_dropped=np.array([[True] * 6 + [False] * 3]))
 
@@ -131,7 +128,7 @@ def test_what_no_hypothesis_says_is_fitted_as_all_sizes_and_gains(damage: str) -
 
 def test_a_hypothesis_that_fits_is_kept_where_all_sizes_could_be_fitted() -> None:
     whole = replace(WHOLE, gyro_noise=np.array([0.01]))
-    case = [whole], [STATE], observe("caudal:length=0.5", 0.01), STROKES, DRIFT, TOLERANCE
+    case = [whole], [AQUA.state], observe("caudal:length=0.5", 0.01), STROKES, DRIFT, TOLERANCE
     found = recognise(*case, identifies=True)
     assert not found.identified
     assert str(found.damage) == str(recognise(*case).damage)
@@ -143,7 +140,7 @@ def test_a_fit_of_all_sizes_changes_no_fin_that_is_missing_and_exceeds_no_maximu
     body[0, 6] = 0.5  # the largest
     whole = replace(WHOLE, body=body, servo_gain=np.array([[0.5, 0.0, 1.9]]))
     seen = observe("right_pectoral:entangled=1.0")
-    search = Search([whole], [STATE], seen, STROKES, DRIFT, 20)
+    search = Search([whole], [AQUA.state], seen, STROKES, DRIFT, 20)
     robot = identify(search).grid.damage().edit(whole)
     assert not robot.body[0, :3].any()
     assert (robot.body <= AQUAFISH.maxima).all()
@@ -157,11 +154,11 @@ def test_a_current_that_begins_is_no_fault_of_a_fin(
     current: tuple[float, float, float], damage: str
 ) -> None:
     robot = replace(Damage.parse(damage).edit(WHOLE), gyro_noise=np.array([0.01]))
-    start = STATE.copy()
+    start = AQUA.state.copy()
     start[FIELDS["velocity"]] -= current
     seen = predict(robot, start, STROKES)[0][0].copy()
     seen[:, 6:] += 0.01 * np.random.default_rng(0).standard_normal((len(seen), 3))
-    found = recognise([robot], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([robot], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert str(found.damage) == "none"
     assert found.about.startswith("a current of (")
     assert not found.unchanged
@@ -170,16 +167,16 @@ def test_a_current_that_begins_is_no_fault_of_a_fin(
 
 def test_an_observation_of_a_current_does_not_decide_for_a_fin() -> None:
     noisy = replace(WHOLE, gyro_noise=np.array([0.01]))
-    start = STATE.copy()
+    start = AQUA.state.copy()
     start[FIELDS["velocity"]] -= (-0.03, 0.1, 0.02)
     seen = predict(WHOLE, start, STROKES[:1])[0][0].copy()
     seen[:, 6:] += (-0.01, 0.01, 0.02)
-    found = recognise([noisy], [STATE], seen, STROKES[:1], DRIFT, TOLERANCE)
+    found = recognise([noisy], [AQUA.state], seen, STROKES[:1], DRIFT, TOLERANCE)
     assert not found.damage or not found.decided
 
 
 def test_many_observations_show_a_bias_below_the_tolerance() -> None:
-    found = recognise([WHOLE], [STATE], observe("north_x:bias=0.01"), STROKES, DRIFT, TOLERANCE)
+    found = recognise([WHOLE], [AQUA.state], observe("north_x:bias=0.01"), STROKES, DRIFT, TOLERANCE)
     assert found.sensors.said() == "north_x is off by 0.01"
     assert found.whole is False
 
@@ -187,7 +184,7 @@ def test_many_observations_show_a_bias_below_the_tolerance() -> None:
 def test_the_gyroscope_alone_tells_what_broke() -> None:
     deaf = replace(DEAF, gyro_noise=np.array([0.01]))
     seen = observe("left_pectoral:missing;caudal:seized", 0.01)
-    found = recognise([deaf], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([deaf], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert str(found.damage) == "left_pectoral:missing;caudal:seized"
 
 
@@ -201,7 +198,7 @@ def test_the_gyroscope_alone_tells_what_broke() -> None:
 )
 def test_broken_sensors_are_told_from_broken_fins(damage: str, words: str) -> None:
     seen = observe(f"right_pectoral:missing; {damage}")
-    found = recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([WHOLE], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert found.explained
     assert str(found.damage) == "right_pectoral:missing"
     assert found.sensors.said().startswith(words)
@@ -213,11 +210,11 @@ def test_broken_sensors_are_told_from_broken_fins(damage: str, words: str) -> No
 
 
 def test_the_time_of_the_fault_is_found_among_several() -> None:
-    healthy, ends = predict(WHOLE, STATE, STROKES[:4])
+    healthy, ends = predict(WHOLE, AQUA.state, STROKES[:4])
     later = predict(Damage.parse("caudal:missing").edit(WHOLE), ends[:, 0], STROKES[4:])[0]
-    states = [STATE]
+    states = [AQUA.state]
     for k in range(1, 6):
-        states.append(predict(WHOLE, STATE, STROKES[:k])[1][:, 0])
+        states.append(predict(WHOLE, AQUA.state, STROKES[:k])[1][:, 0])
     seen = np.concatenate([healthy[0], later[0]])
     found = recognise([WHOLE], states, seen, STROKES, DRIFT, TOLERANCE)
     assert str(found.damage) == "caudal:missing"
@@ -225,14 +222,14 @@ def test_the_time_of_the_fault_is_found_among_several() -> None:
 
 def test_a_fault_that_ends_is_recognised_as_the_robot_that_was() -> None:
     now = Damage.parse("caudal:missing").edit(WHOLE)
-    found = recognise([now, WHOLE], [STATE], observe("none"), STROKES, DRIFT, TOLERANCE)
+    found = recognise([now, WHOLE], [AQUA.state], observe("none"), STROKES, DRIFT, TOLERANCE)
     assert str(found.damage) == "none"
     np.testing.assert_array_equal(found.robot.body, WHOLE.body)
 
 
 def test_none_of_the_hypotheses_is_an_answer() -> None:
     seen = np.random.default_rng(0).uniform(-1.0, 1.0, (len(STROKES), 9))
-    found = recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([WHOLE], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert not found.explained
     assert not found.fits
 
@@ -250,16 +247,18 @@ def test_hypotheses_are_edits_of_one_robot(fish: Fish) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fish", "is_deaf"),
-    [(AQUA, False), (AQUA, True), (FOUR, False)],
+    ("fish", "is_deaf", "added_mass"),
+    [(AQUA, False, (False, True)), (AQUA, True, (False, True)), (FOUR, False, (False,))],
     ids=["imu", "gyroscope", "four-fins"],
 )
-def test_initial_fin_angles_are_found_within_a_second(fish: Fish, is_deaf: bool) -> None:
+def test_initial_fin_angles_are_found_within_a_second(
+    fish: Fish, is_deaf: bool, added_mass: tuple[bool, ...]
+) -> None:
     dropped = DEAF.sensor_dropped if is_deaf else WHOLE.sensor_dropped
     robot = replace(fish.whole, sensor_dropped=dropped)
-    waters = [robot, replace(robot, reactive=True)]
+    waters = [replace(robot, reactive=reactive) for reactive in added_mass]
     strokes = fish.strokes[:5]
-    for reactive in (False, True):
+    for reactive in added_mass:
         world = replace(fish.whole, reactive=reactive)
         seen = predict(world, SelfModel(world, fish.fins).state, strokes)[0][0]
         found = find_fins(waters, seen, strokes)
@@ -272,7 +271,7 @@ def test_what_was_not_observed_does_not_count(noise: float) -> None:
     whole = replace(WHOLE, gyro_noise=np.array([noise]))
     seen = observe("left_pectoral:length=0.33; gyro_z:bias=0.2", noise)
     seen[3, 6] = seen[5:8, 2] = seen[:, 1] = seen[-1, 8] = np.nan
-    found = recognise([whole], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([whole], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert str(found.damage).startswith("left_pectoral:length=0.3")
     assert [(fault.part, fault.word) for fault in found.sensors] == [("gyro_z", "bias")]
     assert found.explained
@@ -282,5 +281,5 @@ def test_what_was_not_observed_does_not_count(noise: float) -> None:
 def test_a_dropped_channel_with_a_gap_is_dropped() -> None:
     seen = observe("gyro_y:dropped")
     seen[-2, 7] = np.nan
-    found = recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    found = recognise([WHOLE], [AQUA.state], seen, STROKES, DRIFT, TOLERANCE)
     assert str(found.sensors) == "gyro_y:dropped"

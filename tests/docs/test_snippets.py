@@ -44,9 +44,11 @@ CHECKED_IN_FULL = ("README.md", "docs/tutorial.md")
 # Nightly: their blocks take many seconds, or compile the kernels of other fish.
 LONG = (
     "docs/environments/fish.md",
+    "docs/howto/body.md",
     "docs/howto/export.md",
     "docs/howto/logs.md",
     "docs/howto/robot.md",
+    "docs/howto/train.md",
     "docs/swimming_on.md",
 )
 

@@ -323,6 +323,7 @@ def instructions(kernel: Any, arguments: Any, monkeypatch: Any) -> Counter[str]:
 
 
 @pytest.mark.parametrize("loops", ["open", pytest.param("closed", marks=pytest.mark.slow)])
+@pytest.mark.slow  # it compiles eight kernels that no other test has
 def test_kernels_compile_without_a_driver_and_round_each_operation(
     loops: str, monkeypatch: Any
 ) -> None:

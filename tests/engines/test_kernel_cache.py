@@ -188,6 +188,8 @@ def test_the_cache_is_tied_to_all_that_a_policy_imports(
 
     respond = responder(AQUAFISH)
     stamps = compiling.source_stamp(compile_kernel, respond), compiling.source_stamp()
+    key = compile_kernel(AQUAFISH, respond, 2)._cache._cache_file._source_stamp
+    assert stamps[0] in key
     frozen = sys.modules[module]
     changed = tmp_path / "changed.py"
     changed.write_text(pathlib.Path(str(frozen.__file__)).read_text() + "\n# a change\n")

@@ -170,6 +170,7 @@ def test_a_block_of_the_page_scores_its_policy(
     assert score(capsys.readouterr().out, SHOWN)
 
 
+@pytest.mark.slow
 def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:
     """Its infos hold the truth, with the same keys at a reset as after a step."""
     minari = pytest.importorskip("minari")

@@ -51,9 +51,13 @@ def as_json(value: Any) -> Any:
 
 TAIL = make(TAIL_FISH, Senses(fins=True))
 AQUA = make(AQUAFISH, Senses(fins=True))
+FOUR = make(FOUR_FINS, Senses(fins=True))
+SLOW = pytest.mark.slow  # each plan has kernels of its own
 
 
-@pytest.mark.parametrize("plan", [FOUR_FINS, TAIL_FISH, ODD])
+@pytest.mark.parametrize(
+    "plan", [FOUR_FINS, pytest.param(TAIL_FISH, marks=SLOW), pytest.param(ODD, marks=SLOW)]
+)
 def test_a_gait_is_evolved_and_read_back(plan: BodyPlan, tmp_path: Path) -> None:
     config = EvolveConfig(
         plan=plan, random_candidates=10, senses=("imu", "clock", "fins"), seed=1, **SHORT
@@ -114,7 +118,7 @@ def test_a_controller_of_another_plan_is_refused(refused: Callable[[], Any]) -> 
 
 
 def test_a_controller_acts_in_the_environments_of_its_plan() -> None:
-    found = evaluate(TAIL, "TailFish-v0", episodes=3, frame_skip=5)
+    found = evaluate(FOUR, "FourFins-v0", episodes=3, frame_skip=5)
     starts = [float(x) for x in found.y_position[-1]]
     assert np.isfinite(starts).all()
     assert np.ptp(starts) > 1e-3
@@ -123,32 +127,39 @@ def test_a_controller_acts_in_the_environments_of_its_plan() -> None:
 def test_the_commands_take_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gait = str(tmp_path / "controller.json")
     body = tmp_path / "body.json"
-    write_bodies(body, {"tail": (0.05, 1.0, 1.0)}, TAIL_FISH)
+    write_bodies(body, {"hind_left": (0.2, 0.5, 0.1)}, FOUR_FINS)
     quick = ["--paper", "--generations", "1", "--population", "10", "--seconds", "1"]
-    assert main(["evolve", "--plan", "tail-fish", "--out", str(tmp_path), *quick]) == 0
-    assert Controller.load(gait).plan == TAIL_FISH
+    assert main(["evolve", "--plan", "four-fins", "--out", str(tmp_path), *quick]) == 0
+    assert Controller.load(gait).plan == FOUR_FINS
     swims = ["--target-morphology", str(body), "--poses", "1", "--seconds", "1"]
-    words = ["transfer", "--controller", gait, "--damage", "tail:length=0.5", *swims]
+    words = ["transfer", "--controller", gait, "--damage", "hind_left:length=0.5", *swims]
     assert main([*words, "--target-engine", "numba"]) == 0
     film = ["film", gait, "--damage", "none", "random:severe", "--seconds", "1"]
     assert main([*film, "--html", str(tmp_path / "swim.html"), "--engine", "numba"]) == 0
     assert main(["export", gait, "--c", str(tmp_path / "fish.c")]) == 0
-    model = ["export", "--plan", "four-fins", "--model", str(tmp_path / "model.c")]
+    model = ["export", "--plan", "tail-fish", "--model", str(tmp_path / "model.c")]
     assert main(model) == 0
     capsys.readouterr()
-    assert main(["export", gait, "--plan", "four-fins", "--model", str(tmp_path / "x.c")]) == 2
+    assert main(["export", gait, "--plan", "tail-fish", "--model", str(tmp_path / "x.c")]) == 2
     assert "a controller, which has a plan of its own" in capsys.readouterr().err
 
 
-def test_an_example_of_sixty_lines_evolves_a_plan(tmp_path: Path) -> None:
-    script = Path(__file__).parents[2] / "examples" / "evolving_plans.py"
-    code = script.read_text(encoding="utf-8").rpartition('"""\n\nimport')[2]
+EXAMPLE = Path(__file__).parents[2] / "examples" / "evolving_plans.py"
+
+
+def test_an_example_has_sixty_lines_and_draws_plans_whose_fins_are_outside() -> None:
+    code = EXAMPLE.read_text(encoding="utf-8").rpartition('"""\n\nimport')[2]
     assert len([line for line in code.splitlines() if line.strip()]) <= 60
-    example = runpy.run_path(str(script))
+    example = runpy.run_path(str(EXAMPLE))
     for genome in example["GENES"].random(100, np.random.default_rng(0)):
         fish = example["fish_of"](genome)
         right = fish.plan.fins[1]
         assert right.hinge[0] - fish.right_pectoral[0] / 2 >= fish.plan.hull.radius - 1e-9
+
+
+@pytest.mark.slow
+def test_the_example_evolves_a_plan(tmp_path: Path) -> None:
+    example = runpy.run_path(str(EXAMPLE))
     config = EvolveConfig(random_candidates=10, **SHORT)
     picture = tmp_path / "plan.png"
     far = example["main"](str(picture), count=1, rounds=1, short=config, long=config)
@@ -158,20 +169,19 @@ def test_an_example_of_sixty_lines_evolves_a_plan(tmp_path: Path) -> None:
 
 def test_episodes_may_be_in_water_with_added_mass() -> None:
     """With damage, of a task, or of a task of one's own; what else a world has is their own."""
-    fast = [TAIL]
 
     class Ahead(SwimForward):
         """Swims in a batched environment, one step after another."""
 
     cases: list[dict[str, Any]] = [
-        {"damage": "tail:length=0.9"}, {"task": HoldStation()}, {"task": Ahead(seconds=2.0)},
+        {"damage": "caudal:length=0.9", "task": HoldStation()}, {"task": Ahead(seconds=2.0)},
     ]  # fmt: skip
     for of in cases:
         plain, reactive = (
-            scores(fast, dtype="float64", world=WorldConfig(reactive=added), threads=1, **of)
+            scores([AQUA], world=WorldConfig(reactive=added), threads=1, **of)
             for added in (False, True)
         )
         assert np.isfinite([plain, reactive]).all()
         assert abs(reactive - plain).min() > 0.1
     with pytest.raises(InvalidArgumentError, match="world has no effect on an episode"):
-        scores(fast, damage="tail:length=0.9", world=WorldConfig(lag=0.1))
+        scores([AQUA], damage="caudal:length=0.9", world=WorldConfig(lag=0.1))

@@ -63,6 +63,7 @@ print(count, log.gyro.shape, sent, *sorted(path.name for path in Path(sys.argv[1
 """
 
 
+@pytest.mark.slow  # it imports all modules
 def test_all_modules_import_and_runs_work_without_what_other_systems_lack(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", CODE, str(tmp_path)], capture_output=True, text=True, check=False
