@@ -242,8 +242,13 @@ def test_failures_are_one_line_and_a_bug_is_not_hidden(
         run_with(monkeypatch, lambda _: 1 // 0)
 
 
-@pytest.mark.parametrize(("stream", "buffering"), [("stdout", ""), ("stderr", "1")])
-def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stream", "buffering", "said"),
+    [("stdout", "", (["--help"], 0)), ("stderr", "1", (["--fiel", "x"], 2))],
+)
+def test_a_reader_that_leaves_is_no_error(
+    stream: str, buffering: str, said: tuple[list[str], int], tmp_path: Path
+) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from test_commandline import Talker\n"
@@ -251,7 +256,7 @@ def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path:
         "sys.exit(run_command_line('fish', Talker, sys.argv[2:]))\n"
     )
     done = tmp_path / "done"
-    for words, number in (["--help"], 0), (["--file", str(done)], 0), (["--fiel", "x"], 2):
+    for words, number in said, (["--file", str(done)], 0):
         ours, theirs = os.pipe()
         os.close(ours)
         command = [sys.executable, "-c", code, str(Path(__file__).parent), *words]

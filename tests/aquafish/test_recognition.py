@@ -176,7 +176,9 @@ def test_an_observation_of_a_current_does_not_decide_for_a_fin() -> None:
 
 
 def test_many_observations_show_a_bias_below_the_tolerance() -> None:
-    found = recognise([WHOLE], [AQUA.state], observe("north_x:bias=0.01"), STROKES, DRIFT, TOLERANCE)
+    found = recognise(
+        [WHOLE], [AQUA.state], observe("north_x:bias=0.01"), STROKES, DRIFT, TOLERANCE
+    )
     assert found.sensors.said() == "north_x is off by 0.01"
     assert found.whole is False
 

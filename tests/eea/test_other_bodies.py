@@ -166,7 +166,9 @@ def test_out_of_band_inference_finds_which_of_four_fins_is_broken():
 
 def test_a_target_brings_its_plan():
     target = EngineTarget(None, "hind_left:dead", steps=64, engine="numba", plan="four-fins")
-    config = JointConfig(steps=64, rounds=1, bodies=12, poses=12, descents=4, polished=1, nuisances=())
+    config = JointConfig(
+        steps=64, rounds=1, bodies=12, poses=12, descents=4, polished=1, nuisances=()
+    )
     result = estimate_morphology_of(target, replace(config, restarts=0, alternatives="never"))
     assert result.plan == FOUR_FINS
     assert len(result.rounds[0].command) == len(result.rounds[0].true_angles) == 4
