@@ -416,7 +416,7 @@ RESULTS: dict[str, Result] = {
             cpu_minutes=minutes,
             smallest="--preset smoke --replicates 2 --rounds 2",
         )
-        for condition, rounds, minutes in (("joint", 2, 10), ("out-of-band", 20, 20))
+        for condition, rounds, minutes in (("joint", 2, 3), ("out-of-band", 20, 4))
     },
     "fish-league": Result(
         commands=(
@@ -425,7 +425,7 @@ RESULTS: dict[str, Result] = {
         ),
         files=_files("docs/results/fish", "league.json"),
         golden=(*_LEAGUE_CASES, "FourFins-v0 numba"),
-        cpu_minutes=20,
+        cpu_minutes=7,
         smallest="--episodes 1",
     ),
     "scores-return": Result(

@@ -121,6 +121,13 @@ def angle_errors(arm: str) -> list[float]:
     return sorted(math.degrees(one["mean"]) for one in found.values())
 
 
+def fish_fitness(condition: str) -> tuple[float, float, float]:
+    """Return the mean OBJ_FIT of a condition on FourFins, and its interval."""
+    (found,) = document(f"results/fish/{condition}.json")["fitness"]
+    low, high = found["objective_fitness"]["interval"]
+    return found["objective_fitness"]["mean"], low, high
+
+
 class Claim(NamedTuple):
     """A sentence of a page, with the places of its numbers, and the numbers."""
 
@@ -150,6 +157,7 @@ FIN_GAINS = [
     for path in ["results/gaits/ceiling.md"]
     for body in ("whole", "left_pectoral:length=0.5", "caudal:missing")
 ]
+FISH_GAIN = document("results/fish/league.json")[HERO]["severe"]["over"]["blind"]
 CLAIMS = [
     Claim(
         "README.md",
@@ -300,6 +308,22 @@ CLAIMS = [
         "docs/gaits.md",
         "The paper's method keeps {:.0f}% of the distance of its own oracle",
         (100.0 + percent("out-of-band", "oracle-neat"),),
+    ),
+    Claim(
+        "docs/environments/fish.md",
+        "with OBJ_FIT {:.3f} [{:.3f}, {:.3f}].",
+        fish_fitness("joint"),
+    ),
+    Claim(
+        "docs/environments/fish.md",
+        "reaches {:.3f} [{:.3f}, {:.3f}] by 20 trials.",
+        fish_fitness("out-of-band"),
+    ),
+    Claim(
+        "docs/environments/fish.md",
+        "gains {:.1f} [{:.1f}, {:.1f}] units over one that never looks for damage, in 20 episodes "
+        "with severe damage, and is behind it in {}.",
+        (*FISH_GAIN["mean"], FISH_GAIN["worse"] or "none"),
     ),
     Claim(
         "docs/environments/scores.md",

@@ -217,8 +217,6 @@ OTHERS = {
     "python -m experiments.NAME",
     "python -m experiments.gaits.library",
     "python -m experiments.gaits.library --plan minnow.json",
-    "python -m experiments.league --plan four-fins --entrants blind self-model --tiers severe "
-    "--episodes 20",
     "python -m experiments.league.whole --scheduler tcp://HOST:8786",
     "python -m experiments.league.whole --tables NAME",
     "python -m experiments.scores --tasks forward --entries 'PPO, fins' 'CMA-ES, fins'",
