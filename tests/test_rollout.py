@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import (
     HoldStation,
     ReachWaypoints,
@@ -166,6 +167,17 @@ def test_divergence_is_noted_and_ends_the_return() -> None:
     assert np.isnan(compiled.end).all()
     assert np.isfinite(compiled.returns).all()
     np.testing.assert_allclose(compiled.returns, plain.returns, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["program", "functions"])
+def test_the_engine_auto_is_the_one_that_it_stands_for(kind: str) -> None:
+    act: Any = [lambda _seen, _time: np.full(3, 0.3)] * ROBOTS
+    policy = act if kind == "functions" else program_of([make_controller(None)], ROBOTS)
+    found, named = (
+        rollout(policy, whole(), seconds=1.0, engine=engine).end
+        for engine in ("auto", check_engine("auto"))
+    )
+    np.testing.assert_array_equal(found, named)
 
 
 def test_what_does_not_fit_is_refused() -> None:

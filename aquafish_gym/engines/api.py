@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_series
-from aquafish_gym.engines.packages import GPU, MAXIMUM_THREADS, machine_memory
+from aquafish_gym.engines.packages import MAXIMUM_THREADS, machine_memory, refuse_threads
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -178,11 +178,7 @@ def simulate_scenario(
             f'dtype must be "float64" and threads None for the engine "{engine}", which computes '
             f"in double precision on one thread; got {dtype!r} and {threads}"
         )
-    if engine == GPU and threads is not None:
-        raise InvalidArgumentError(
-            f'threads must be None for the engine "{engine}", which takes the whole GPU; '
-            f"got {threads}"
-        )
+    refuse_threads(engine, threads)
     _check_log_fits(scenario, steps, record, kind)
     # The engines are imported here: importing the package stays quick, and works without PyBullet.
     if engine != "pybullet":

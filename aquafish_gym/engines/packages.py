@@ -7,7 +7,12 @@ import os
 from importlib.util import find_spec
 from typing import Any
 
-from aquafish_gym.utils.validation import EngineUnavailableError, install_advice, one_of
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    install_advice,
+    one_of,
+)
 
 # One robot in one water, to rounding.
 NAMES = ("numba", "pybullet")
@@ -42,6 +47,15 @@ def check_engine(engine: object, batch: bool = False) -> str:
     if name == GPU:
         check_gpu()
     return name
+
+
+def refuse_threads(engine: str, threads: int | None) -> None:
+    """Refuse a number of threads with the engine "cuda"."""
+    if engine == GPU and threads is not None:
+        raise InvalidArgumentError(
+            f'threads must be None for the engine "{engine}", which takes the whole GPU; '
+            f"got {threads}"
+        )
 
 
 @functools.cache

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.packages import GPU, check_engine
+from aquafish_gym.engines.packages import GPU, check_engine, refuse_threads
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.physics.layout import layout
 from aquafish_gym.plans import check_same_plan
@@ -67,7 +67,9 @@ def rollout(
         compiled: in a task of another class a program swims one robot at a time, much slower. So
         do robots with late, slow or scaled channels.
     engine
-        As of :func:`~aquafish_gym.simulate`. ``"cuda"`` swims programs in the built-in tasks.
+        As of :func:`~aquafish_gym.simulate`. ``"cuda"`` refuses what is not compiled. Only a
+        program of your own that computes with the time in plain floats may differ there from
+        ``"numba"``, in the last bits.
     seconds
         How long; None is the task's own time.
     interval
@@ -85,7 +87,7 @@ def rollout(
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled loop.
     start
-        States (25, B) to begin in, as ``LaneBatch.states``, of programs in the compiled engine;
+        States (25, B) to begin in, as ``LaneBatch.states``, of programs in the compiled loop;
         None begins at rest, or as the scenario says. Its fin angles stand for the scenario's.
         Earlier commands are 0: servos with a lag stand until it is over.
 
@@ -158,9 +160,8 @@ def rollout(
         scenario = scenario.draw_angles(rngs)
     begun = np.zeros((batch, 0)) if memory is None else np.reshape(memory, (batch, -1))
     plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), substeps)
-    check_engine(engine, batch=True)
-    if engine == GPU and threads is not None:
-        raise InvalidArgumentError(f"threads must be None on the engine cuda; got {threads}")
+    engine = check_engine(engine, batch=True)
+    refuse_threads(engine, threads)
     if isinstance(policy, Program):
         fins = scenario.fin_angles if believed is None else _rows("believed", believed, scenario)
         known = task is None or compiled_task(task) is not None
@@ -169,12 +170,13 @@ def rollout(
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
     if engine == GPU:
         raise InvalidArgumentError(
-            f'engine must be "numba" or "pybullet" for functions, tasks of your own and channels '
-            f"that are late: a GPU swims programs in the built-in tasks; got {engine!r}"
+            'engine must be "numba" or "pybullet" for functions, tasks of your own and late, slow '
+            f"or scaled channels: a GPU swims programs in the built-in tasks; got {engine!r}"
         )
     if start is not None:
         raise InvalidArgumentError(
-            "start must be None, except for programs on the engine numba without late channels"
+            "start must be None, except for programs on the engines numba and cuda, in a built-in "
+            "task and without late, slow or scaled channels"
         )
     swum = [swim_one(act, plan, b, engine) for b, act in enumerate(policy)]
     returns, diverged, paths = zip(*swum, strict=True)
