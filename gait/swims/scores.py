@@ -150,8 +150,9 @@ def scores(
         Of the task's and the damage's random choices, which are the same for all controllers: swim
         q is the episode of an environment that was seeded with ``seed + q``.
     engine
-        ``"numba"``, all robots at once; ``"cuda"``, the same on a GPU, but for tasks of your own
-        class; or as of :func:`gait.swim`, where on PyBullet one robot swims after the other.
+        ``"numba"``, all robots at once; ``"cuda"``, the same on a GPU, which refuses tasks of your
+        own and late, slow or scaled channels; or as of :func:`gait.swim`, where on PyBullet one
+        robot swims after the other.
     dtype
         ``"float32"`` or ``"float64"`` on these two; others compute in float64.
     threads
@@ -215,6 +216,8 @@ def scores(
             raise InvalidArgumentError(f"{name} has no effect on an episode, which has its own")
     swims = pair_swims(sizes, angles)
     returns = np.empty((len(controllers), len(swims[1])))
+    if not returns.size:
+        return returns
     play = _step_episodes if compiled_task(judged) is None else _roll_out_episodes
     for numbers, those in by_kind(controllers):
         one_kind = play(

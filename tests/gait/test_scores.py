@@ -239,6 +239,12 @@ def test_unequal_bodies_and_poses_are_refused() -> None:
         scores([make_controller()], np.vstack([BODIES[0], BODIES[1] + [0, 0, 9, *[0] * 6]]))
 
 
+@pytest.mark.parametrize("task", ["forward", "return"])
+def test_no_swim_has_no_score(task: str) -> None:
+    nobody = np.zeros((0, 9))
+    assert scores([make_controller()], nobody, np.zeros((0, 3)), task=task).shape == (1, 0)
+
+
 def test_distances_are_means_over_the_poses_on_every_body() -> None:
     controllers = [make_controller(seed, mutations=8) for seed in range(2)]
     found = distances(controllers, BODIES, NINE[:3], seconds=1.0, threads=1)
