@@ -159,7 +159,8 @@ class CudaBatch(LaneBatch):
         clock = (self.steps_done, steps, self.substeps, *asking)
         numbers = (TIMESTEP / self.substeps, clock, bits)
         try:
-            self._swim_in_parts(kernel, program, task, numbers, output)
+            if self.groups:
+                self._swim_in_parts(kernel, program, task, numbers, output)
         except CudaAPIError as error:
             if error.code != OUT_OF_MEMORY:
                 raise

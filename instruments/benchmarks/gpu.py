@@ -1,10 +1,11 @@
 """The command line: ``python -m instruments.benchmarks.gpu``: the engine cuda beside the lanes.
 
 A robot-step is one robot for one physics step of 0.01 s. The open loop holds a command; in the
-closed one a network with three hidden nodes acts every 5 steps on what the IMU says, with weights
-of each robot's own. "Compared" are spectra of the gyroscope with an observed one, as the EEA does
-it. A rate is that of the GPU alone; in a call tables and logs also go to the GPU and back. Rows of
-MJX, where it is installed with JAX for CUDA, are of MuJoCo's model of the robot, without any water.
+closed one a network with three hidden nodes acts every 5 steps on the IMU's observations, with
+weights of each robot's own. "Compared" are spectra of the gyroscope with an observed one, as in the
+EEA. A rate counts the time of the GPU alone; a call also copies tables and logs to it and back.
+Rows of MJX, where it is installed with JAX for CUDA, are of MuJoCo's model of the robot, without
+water.
 """
 
 from __future__ import annotations
@@ -80,9 +81,13 @@ class GpuBench:
 
     def execute(self) -> None:
         """Time, print and write."""
-        check_engine("cuda", batch=True)
+        for name in ("robots", "mjx"):
+            for count in getattr(self, name):
+                integer(name, count, 1)
         for name in ("steps", "lanes"):
             integer(name, getattr(self, name), 1)
+        integer("double", self.double, 0)
+        check_engine("cuda", batch=True)
         if self.out is not None:
             ensure_writable_directory(self.out, "out")
         card = cuda.get_current_device()

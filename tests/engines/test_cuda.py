@@ -249,6 +249,15 @@ def test_memory_that_is_not_there_is_one_sentence(monkeypatch: Any) -> None:
 
 
 @pytest.mark.usefixtures("gpu")
+def test_no_robots_have_empty_logs_and_no_distances() -> None:
+    assert_same_log(0, 5)
+    nobody = Scenario.create(np.zeros((0, 9)))
+    batch = engine.CudaBatch(nobody, np.float32)
+    seen = np.zeros((1, 2, 32), np.float32)
+    assert batch.distances(np.zeros((0, 3)), 16, 1.0, seen, np.zeros(0, np.intp)).shape == (0,)
+
+
+@pytest.mark.usefixtures("gpu")
 def test_what_a_gpu_cannot_swim_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match='threads must be None for the engine "cuda"'):
         simulate(None, (0.1, 0.1, 0.1), steps=4, engine="cuda", threads=2)
@@ -259,10 +268,21 @@ def test_what_a_gpu_cannot_swim_is_refused() -> None:
     program = program_of([make_controller(0)], 1)
     late = Damage.parse("gyro:delay=0.1").edit(robot, 5)
     rng = [np.random.default_rng(0)]
-    with pytest.raises(InvalidArgumentError, match="channels that are late"):
+    with pytest.raises(InvalidArgumentError, match="late, slow or scaled channels: a GPU swims"):
         rollout(program, late, check_task("forward"), engine="cuda", rngs=rng)
+    with pytest.raises(InvalidArgumentError, match='threads must be None for the engine "cuda"'):
+        rollout(program, robot, seconds=1.0, engine="cuda", threads=1)
     with pytest.raises(UnknownNameError, match="numba, pybullet; got 'cuda'"):
         packages.check_engine("cuda")
+
+
+@pytest.mark.parametrize("wrong", ["--robots 10 0", "--mjx -1", "--double -1", "--lanes 0"])
+def test_the_benchmark_refuses_numbers_of_robots(
+    wrong: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = importlib.import_module("instruments.benchmarks.gpu")
+    assert bench.main(wrong.split()) == 2
+    assert f"{wrong.split()[0][2:]} must be" in capsys.readouterr().err
 
 
 def test_the_benchmark_prints_and_writes_each_row(
