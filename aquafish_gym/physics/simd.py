@@ -126,7 +126,8 @@ def _else_on_gpu(lower: Callable[..., Any], on_gpu: Callable[..., Any]) -> Calla
     return either
 
 
-# CUDA's compiler fuses multiply-adds as it likes, but not these, and knows neither fneg nor fabs.
+# CUDA's compiler fuses LLVM's own multiplications and additions, but not these intrinsics. It knows
+# neither fneg nor fabs.
 def _rounded(operation: str) -> Callable[..., Any]:
     """Return what builds an operation on a thread's numbers that is fused with no other."""
 
