@@ -68,7 +68,7 @@ def body_array(
 
 def median_body(bodies: NDArray[np.float64], plan: PlanLike = AQUAFISH) -> Morphology:
     """Return the body of the median of each size of bodies (M, S), without their correlations."""
-    return Morphology.from_array(np.median(bodies, axis=0), check_plan(plan))
+    return Morphology.from_array(np.median(bodies, axis=0), plan)
 
 
 def sample_stamp(bodies: NDArray[np.float64]) -> str:

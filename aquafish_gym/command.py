@@ -50,12 +50,8 @@ def check_series(
 
 def servo_speeds(plan: BodyPlan, action: Sequence[Number]) -> Numbers:
     """Return the command, rev/s or Hz, of an action in [-1, 1]: floats or rows (B,)."""
-    low = plan.command_low.tolist()
-    high = plan.command_high.tolist()
-    return tuple(
-        least + 0.5 * (x + 1.0) * (most - least)
-        for x, least, most in zip(action, low, high, strict=True)
-    )
+    ranges = zip(action, plan.command_low.tolist(), plan.command_high.tolist(), strict=True)
+    return tuple(low + 0.5 * (x + 1.0) * (high - low) for x, low, high in ranges)
 
 
 def lane_servo_speeds(plan: BodyPlan, action: Sequence[Number]) -> Numbers:
@@ -64,12 +60,8 @@ def lane_servo_speeds(plan: BodyPlan, action: Sequence[Number]) -> Numbers:
     The compiled loop uses this form. The two differ by rounding, and committed results hold for
     each of them to the bit.
     """
-    low = plan.command_low.tolist()
-    high = plan.command_high.tolist()
-    return tuple(
-        (least + most) / 2 + (most - least) / 2 * x
-        for x, least, most in zip(action, low, high, strict=True)
-    )
+    ranges = zip(action, plan.command_low.tolist(), plan.command_high.tolist(), strict=True)
+    return tuple((low + high) / 2 + (high - low) / 2 * x for x, low, high in ranges)
 
 
 def scale_action(plan: BodyPlan, action: ArrayLike) -> NDArray[np.float64]:

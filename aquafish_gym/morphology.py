@@ -64,13 +64,12 @@ class Morphology:
     @classmethod
     def nominal(cls, plan: PlanLike = AQUAFISH) -> Self:
         """Return the whole fish of a plan."""
-        plan = check_plan(plan)
-        return cls(tuple(plan.nominal.tolist()), plan)
+        return cls.from_array(check_plan(plan).nominal, plan)
 
     @classmethod
     def from_array(cls, sizes: ArrayLike, plan: PlanLike = AQUAFISH) -> Self:
         """Return the body of sizes (S,) in the order of the plan's ``dimensions``."""
-        return cls(sizes, check_plan(plan))  # type: ignore[arg-type]  # checked there
+        return cls(sizes, plan)  # type: ignore[arg-type]  # checked there
 
     @classmethod
     def coerce(cls, value: MorphologyLike, plan: PlanLike | None = None) -> Morphology:

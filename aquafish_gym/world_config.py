@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aquafish_gym.plans import BodyPlan
 from aquafish_gym.scenario import LARGEST_GAIN, Scenario, check_row
 from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    brief,
     finite_array,
     flag,
     instance,
@@ -87,12 +89,7 @@ class WorldConfig:
         InvalidArgumentError
             If there are several, and not one for each servo.
         """
-        if len(self.servo_gain) not in (1, len(plan.fins)):
-            raise InvalidArgumentError(
-                f"servo_gain must be one number, or {len(plan.fins)} for {', '.join(plan.names)}; "
-                f"got {self.servo_gain}"
-            )
-        return np.resize(self.servo_gain, len(plan.fins))
+        return each_fin("servo_gain", self.servo_gain, plan)
 
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""
@@ -110,3 +107,14 @@ class WorldConfig:
             reactive=scenario.reactive or self.reactive,
             rates=rates,
         )
+
+
+def each_fin(name: str, value: ArrayLike, plan: BodyPlan, unit: str = "") -> Floats:
+    """Return numbers (F,) from one for all fins, or one for each."""
+    given = finite_array(name, value, (None,), unit=unit)
+    fins = len(plan.fins)
+    if len(given) not in (1, fins):
+        raise InvalidArgumentError(
+            f"{name} must be one number, or {fins} for {', '.join(plan.names)}; got {brief(value)}"
+        )
+    return np.resize(given, fins)

@@ -20,12 +20,7 @@ import numpy as np
 
 from aquafish.online.gaits import load_library
 from aquafish_gym.bodies import plan_key
-from aquafish_gym.plans import (
-    AQUAFISH,
-    BodyPlan,
-    check_plan,
-    check_same_plan,
-)
+from aquafish_gym.plans import AQUAFISH, BodyPlan, check_plan, check_same_plan
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.storage import read_document, read_packaged, write_document
 from aquafish_gym.utils.validation import (

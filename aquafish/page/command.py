@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 from tyro.conf import arg
 
 from aquafish.page.document import write_live_page
-from aquafish_gym.runs.command_line import Plan
+from aquafish_gym.runs.command_line import GaitLibrary, Plan, Reactive
 from aquafish_gym.utils.storage import output_file
 from aquafish_gym.utils.validation import printable
 
@@ -25,10 +25,8 @@ class Page:
 
     html: Annotated[Path, arg(metavar="FILE")] = Path("fish.html")  #: The file.
     plan: Plan = "aquafish"
-    library: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A library of gaits for the plan; without it, the packaged one, or all servos at full
-    speed."""
-    reactive: bool = False  #: Whether the water has added mass.
+    library: GaitLibrary = None
+    reactive: Reactive = False
 
     def execute(self) -> None:
         """Write the file."""

@@ -22,7 +22,7 @@ from aquafish.viewer.live import (
 )
 from aquafish.viewer.page import Viewer
 from aquafish_gym.plans import check_plan, check_same_plan
-from aquafish_gym.runs.command_line import EpisodeDamage, Plan
+from aquafish_gym.runs.command_line import EpisodeDamage, GaitLibrary, Plan, Reactive
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controllers.controller import Controller
@@ -41,10 +41,8 @@ class View:
 
     robots: int = 1  #: Number of robots, at most 64.
     plan: Plan = "aquafish"
-    reactive: bool = False  #: Whether the water has added mass.
-    library: Annotated[Path | None, arg(metavar="FILE")] = None
-    """A library of gaits for the plan; without it, the packaged one, or all servos at full
-    speed."""
+    reactive: Reactive = False
+    library: GaitLibrary = None
     controller: Annotated[Path | None, arg(metavar="FILE")] = None
     """A controller.json, as evolve and baseline write it; without it, a gait of the library."""
     policy: Annotated[str | None, arg(metavar="MODULE:FUNCTION")] = None

@@ -35,6 +35,15 @@ class Law:
         self._state, self._drive = state_like(plan), drive_like(plan)
         self._fins = (0.0,) * len(plan.fins)
         self._robot = (0.0,) * layout(plan).robot_rows
+        self.fetch_fins: Callable[..., Numbers] = rows_reader(self._fins)
+        self.put_fins: Callable[..., None] = rows_writer(self._fins)
+        #: The cos and sin of each joint in turn.
+        self.fetch_joints: Callable[..., Numbers] = rows_reader(self._state.joints)
+        self.put_joints: Callable[..., None] = rows_writer(self._state.joints)
+        self.fetch_robot: Callable[..., Numbers] = rows_reader(self._robot)
+        #: Without roll, pitch and yaw.
+        self.fetch_state: Callable[..., State] = rows_reader(self._state)
+        self.put_state: Callable[..., None] = rows_writer(self._state)
 
     @cached_property
     def step(self) -> Callable[[Numbers, State, Drive, Vector, Number], State]:
@@ -100,41 +109,6 @@ class Law:
             return state_of([where_less(0.0, number, a, b) for a, b in numbers])
 
         return straight_line("choose", choose, 0.0, self._state, self._state)
-
-    @cached_property
-    def fetch_fins(self) -> Callable[..., Numbers]:
-        """Read a number for each fin."""
-        return rows_reader(self._fins)
-
-    @cached_property
-    def put_fins(self) -> Callable[..., None]:
-        """Write a number for each fin."""
-        return rows_writer(self._fins)
-
-    @cached_property
-    def fetch_joints(self) -> Callable[..., Numbers]:
-        """Read the cos and sin of each joint in turn."""
-        return rows_reader(self._state.joints)
-
-    @cached_property
-    def put_joints(self) -> Callable[..., None]:
-        """Write what ``fetch_joints`` reads."""
-        return rows_writer(self._state.joints)
-
-    @cached_property
-    def fetch_robot(self) -> Callable[..., Numbers]:
-        """Read a robot."""
-        return rows_reader(self._robot)
-
-    @cached_property
-    def fetch_state(self) -> Callable[..., State]:
-        """Read a state, without its roll, pitch and yaw."""
-        return rows_reader(self._state)
-
-    @cached_property
-    def put_state(self) -> Callable[..., None]:
-        """Write what ``fetch_state`` reads."""
-        return rows_writer(self._state)
 
 
 @functools.cache

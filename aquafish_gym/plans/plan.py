@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property
 from itertools import pairwise
@@ -33,6 +33,7 @@ Point = tuple[float, float, float]
 
 #: In the order in which faults and words name them.
 SIZES: tuple[str, ...] = ("length", "width", "thickness")
+_IN_FRAME = ("width", "length", "thickness")  # in the order of a fin's axes
 #: The step in which a genome counts sizes, units (Sec. 3.2 of the paper: 6 bits for 2 units).
 QUANTUM = 1 / 32
 #: How far from the hull's surface a hinge may be, in the hull's radii; a plate bridges the gap.
@@ -92,8 +93,8 @@ class Hull:
 
     Examples
     --------
-    >>> Hull(length=4.0, radius=0.5).distance(np.array([0.75, 0.0, 0.0]))
-    0.25
+    >>> Hull(length=4.0, radius=0.5).distance(np.array([[0.75, 0.0, 0.0], [0.0, -2.5, 0.0]]))
+    array([0.25, 0.5 ])
     """
 
     length: float
@@ -111,11 +112,11 @@ class Hull:
                 f"got {self.radius:g}"
             )
 
-    def distance(self, point: NDArray[np.float64]) -> float:
-        """Return how far a point (3,) lies outside of the surface, units; inside it is negative."""
-        x, y, z = point
-        beyond = max(abs(y) - (self.length / 2 - self.radius), 0.0)
-        return math.sqrt(x * x + beyond * beyond + z * z) - self.radius
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far points (..., 3) lie outside of the surface, units; negative inside."""
+        x, y, z = np.moveaxis(points, -1, 0)
+        beyond = np.maximum(np.abs(y) - (self.length / 2 - self.radius), 0.0)
+        return np.asarray(np.sqrt(x * x + beyond * beyond + z * z) - self.radius)
 
 
 @dataclass(frozen=True)
@@ -182,13 +183,10 @@ class FinPlan:
                 f"{at}direction must be at right angles to axis; got {self.direction} and "
                 f"{self.axis}"
             )
-        object.__setattr__(
-            self, "speed", float(finite_array(f"{at}speed", self.speed, (), 0.01, 10.0))
-        )
-        low, high = (0.01, math.pi / 2) if self.drive == "sweeps" else (0.0, 0.0)
-        object.__setattr__(
-            self, "sweep", float(finite_array(f"{at}sweep", self.sweep, (), low, high, "rad"))
-        )
+        least, widest = (0.0, 0.0) if self.turns else (0.01, math.pi / 2)
+        for name, low, high, unit in (("speed", 0.01, 10.0, ""), ("sweep", least, widest, "rad")):
+            number = finite_array(f"{at}{name}", getattr(self, name), (), low, high, unit)
+            object.__setattr__(self, name, float(number))
         word = instance(f"{at}word", self.word, str).strip() or self.name.replace("_", " ")
         if not _WORD.fullmatch(word):
             raise InvalidArgumentError(
@@ -245,11 +243,10 @@ class FinPlan:
         They are those along x, y and z for a fin along the body's axes, else width, length and
         thickness.
         """
-        names = ("width", "length", "thickness")
         if not self.is_along_axes:
-            return names
+            return _IN_FRAME
         along = [int(np.argmax(np.abs(row))) for row in self.frame]
-        first, second, third = (names[along.index(axis)] for axis in range(3))
+        first, second, third = (_IN_FRAME[along.index(axis)] for axis in range(3))
         return (first, second, third)
 
 
@@ -295,19 +292,20 @@ class BodyPlan:
                     raise InvalidArgumentError(f"fins must have different {what}; two are {one}")
 
     def _check_fin(self, fin: FinPlan) -> None:
-        gap = self.hull.distance(np.array(fin.hinge))
+        gap = float(self.hull.distance(np.array(fin.hinge)))
         most = LONGEST_MOUNT * self.hull.radius
         if not -_ROUNDING <= gap <= most + _ROUNDING:
             raise InvalidArgumentError(
                 f"fin {fin.name}: hinge must lie on the hull or up to {most:g} units from it; got "
                 f"{fin.hinge}, {abs(gap):.3g} units {'outside' if gap > 0 else 'inside'}"
             )
-        for point in _swept(fin):
-            if self.hull.distance(point) < -_ROUNDING:
-                raise InvalidArgumentError(
-                    f"fin {fin.name}: it must not swing into the hull; with its nominal sizes it "
-                    f"does at {tuple(np.round(point, 2).tolist())}"
-                )
+        swept = _swept(fin)
+        inside = swept[self.hull.distance(swept) < -_ROUNDING]
+        if len(inside):
+            raise InvalidArgumentError(
+                f"fin {fin.name}: it must not swing into the hull; with its nominal sizes it "
+                f"does at {tuple(np.round(inside[0], 2).tolist())}"
+            )
 
     def __repr__(self) -> str:
         return f"BodyPlan({self.name!r}: {', '.join(self.names)})"
@@ -335,22 +333,20 @@ class BodyPlan:
     @cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
         """The body's sizes: their order, ranges, nominal values and bits in a genome."""
-        return tuple(
-            Dimension(fin.name, axis, size, most, getattr(fin.nominal, size), _bits(most))
-            for fin in self.fins
-            for axis, size in enumerate(fin.order)
-            for most in [getattr(fin.largest, size)]
-        )
+        found = []
+        for fin in self.fins:
+            for axis, size in enumerate(fin.order):
+                most = getattr(fin.largest, size)
+                bits = max(1, math.ceil(math.log2(most / QUANTUM)))
+                nominal = getattr(fin.nominal, size)
+                found.append(Dimension(fin.name, axis, size, most, nominal, bits))
+        return tuple(found)
 
     @cached_property
     def columns(self) -> NDArray[np.intp]:
         """The places (F, 3) of each fin's width, length and thickness among a body's sizes."""
-        return np.array(
-            [
-                [3 * i + fin.order.index(size) for size in ("width", "length", "thickness")]
-                for i, fin in enumerate(self.fins)
-            ]
-        )
+        places = [[fin.order.index(size) for size in _IN_FRAME] for fin in self.fins]
+        return 3 * np.arange(len(self.fins))[:, None] + places
 
     @cached_property
     def maxima(self) -> NDArray[np.float64]:
@@ -375,14 +371,14 @@ class BodyPlan:
     @cached_property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """The numbers of the fins, two that mirror each other in one group; pairs come first."""
-        left = list(range(len(self.fins)))
+        left = dict(enumerate(self.fins))
         pairs: list[tuple[int, ...]] = []
-        for i in range(len(self.fins)):
-            x, y, z = self.fins[i].hinge
-            mirrored = [j for j in left if j > i and self.fins[j].hinge == (-x, y, z)]
+        for i, fin in enumerate(self.fins):
+            x, y, z = fin.hinge
+            mirrored = [j for j in left if j > i and left[j].hinge == (-x, y, z)]
             if i in left and x != 0.0 and mirrored:
                 pairs.append((i, mirrored[0]))
-                left = [j for j in left if j not in pairs[-1]]
+                del left[i], left[mirrored[0]]
         return (*pairs, *((i,) for i in left))
 
     def to_json(self) -> str:
@@ -407,21 +403,16 @@ class BodyPlan:
         document = _object("plan", value, cls)
         hull = Hull(**_object("plan.hull", document["hull"], Hull))
         fins = sequence("plan.fins", document["fins"])
-        return cls(
-            document["name"],
-            hull,
-            tuple(FinPlan(**_object("a fin of plan.fins", fin, FinPlan)) for fin in fins),
-        )
+        each = [FinPlan(**_object("a fin of plan.fins", fin, FinPlan)) for fin in fins]
+        return cls(document["name"], hull, tuple(each))
 
 
 def check_same_plan(argument: str, plan: BodyPlan, wanted: BodyPlan) -> None:
     """Raise InvalidArgumentError if an argument is of another plan than the robots."""
     if plan != wanted:
-        another = (
-            "another plan of that name" if plan.name == wanted.name else f"the plan {plan.name}"
-        )
+        got = f"the plan {plan.name}" if plan.name != wanted.name else "another plan of that name"
         raise InvalidArgumentError(
-            f"{argument} must be of the plan {wanted.name}; got one of {another}"
+            f"{argument} must be of the plan {wanted.name}; got one of {got}"
         )
 
 
@@ -438,27 +429,20 @@ def _object(argument: str, value: object, kind: type) -> dict[str, Any]:
     return dict(value)
 
 
-def _bits(most: float) -> int:
-    """Return how many bits count a size up to ``most`` in steps of about ``QUANTUM``."""
-    return max(1, math.ceil(math.log2(most / QUANTUM)))
-
-
 def _constant(values: list[float]) -> NDArray[np.float64]:
     array = np.array(values)
     array.setflags(write=False)
     return array
 
 
-def _swept(fin: FinPlan) -> Iterator[NDArray[np.float64]]:
-    """Yield points of a whole fin's middle plane wherever it swings."""
+def _swept(fin: FinPlan) -> NDArray[np.float64]:
+    """Return points (N, 3) of a whole fin's middle plane wherever it swings."""
     width, length, normal = np.array(fin.frame)
     reach = math.pi if fin.turns else fin.sweep
-    for angle in np.linspace(-reach, reach, 25):
-        along = -(math.cos(angle) * length + math.sin(angle) * normal)
-        for share in np.linspace(0.0, 1.0, 9):
-            for side in (-0.5, 0.0, 0.5):
-                yield (
-                    np.array(fin.hinge)
-                    + share * fin.nominal.length * along
-                    + side * fin.nominal.width * width
-                )
+    angle, share, side = np.meshgrid(
+        np.linspace(-reach, reach, 25), np.linspace(0.0, 1.0, 9), (-0.5, 0.0, 0.5), indexing="ij"
+    )
+    along = -(np.cos(angle)[..., None] * length + np.sin(angle)[..., None] * normal)
+    ahead = (share * fin.nominal.length)[..., None] * along
+    beside = (side * fin.nominal.width)[..., None] * width
+    return np.reshape(fin.hinge + ahead + beside, (-1, 3))

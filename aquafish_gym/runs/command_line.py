@@ -140,6 +140,14 @@ Plan = Annotated[
         help=f"Body plan of the robot: {', '.join(PLANS)}, or a JSON file of one (BodyPlan).",
     ),
 ]
+GaitLibrary = Annotated[
+    Path | None,
+    arg(
+        metavar="FILE",
+        help="A library of gaits for the plan; without it, the packaged one, or all servos at full "
+        "speed.",
+    ),
+]
 Reactive = Annotated[
     FlagCreatePairsOff[bool],
     arg(help="Water that also resists acceleration, as around TailFish-v0 (docs/physics.md)."),

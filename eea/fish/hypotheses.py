@@ -65,16 +65,12 @@ def fault_hypotheses(plan: BodyPlan, reactive: bool = False) -> tuple[Hypothesis
 
     A sweep is symmetric: reversal only shifts its phase.
     """
-    if reactive:
-        water = Hypothesis("the water does not resist acceleration", {REACTIVE_WATER: 0.0})
-    else:
-        water = Hypothesis("the water also resists acceleration", {REACTIVE_WATER: 1.0})
-    return (
-        *(
-            fault_hypothesis(plan, fin.name, word)
-            for word in FIN_FAULTS
-            for fin in plan.fins
-            if fin.turns or word != "reversed"
-        ),
-        water,
-    )
+    broken = [
+        fault_hypothesis(plan, fin.name, word)
+        for word in FIN_FAULTS
+        for fin in plan.fins
+        if fin.turns or word != "reversed"
+    ]
+    other = "does not resist" if reactive else "also resists"
+    fixed = {REACTIVE_WATER: 0.0 if reactive else 1.0}
+    return (*broken, Hypothesis(f"the water {other} acceleration", fixed))

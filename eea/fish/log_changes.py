@@ -145,11 +145,8 @@ def possible_changes(log: SwimLog, moving: bool) -> Iterator[LogChange]:
                 yield LogChange(axes, same="those of the commands of all fins that turn")
             continue
         yield LogChange(axes)
-    pairs = [
-        (plan.fins[group[0]].word, plan.fins[group[1]].word)
-        for group in plan.groups
-        if len(group) > 1
-    ]
+    words = [fin.word for fin in plan.fins]
+    pairs = [(words[both[0]], words[both[1]]) for both in plan.groups if len(both) > 1]
     if len(pairs) > 1:
         yield from (LogChange(exchanged=(pair,)) for pair in pairs)
     if pairs:

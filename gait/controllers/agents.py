@@ -97,10 +97,7 @@ class ControllerAgent(NetworkAgent):
             controllers = check_controllers(controller)
         else:
             controllers = [instance("controller", controller, Controller)]
-        program = program_of(controllers)
-        fins = len(program.plan.fins)
-        gain = np.ones(fins) if believed_gain is None else believed_gain
-        super().__init__(program, finite_array("believed_gain", gain, (fins,)))
+        super().__init__(program_of(controllers), believed_gain)
         self.controller = controllers[0]
 
 

@@ -126,7 +126,7 @@ class Controller:
             if sum(layers) != nodes or layers[-1] < outputs:
                 raise InvalidArgumentError(
                     f"controller.layers must sum to {nodes} nodes, {outputs} or more in the last; "
-                    f" got {layers}"
+                    f"got {layers}"
                 )
         for array in (bias, response, weights):
             array.setflags(write=False)
@@ -268,10 +268,8 @@ class Controller:
         that were missed for ones of the action in force: its clock and fins go on by whole
         intervals.
         """
-        fins = len(self.plan.fins)
-        gains = np.ones(fins) if servo_gain is None else servo_gain
-        agent = NetworkAgent(program_of([self]), finite_array("servo_gain", gains, (fins,)))
-        return agent.policy(np.zeros(fins) if fin_angles is None else fin_angles)
+        agent = NetworkAgent(program_of([self]), servo_gain, "servo_gain")
+        return agent.policy(np.zeros(len(self.plan.fins)) if fin_angles is None else fin_angles)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""

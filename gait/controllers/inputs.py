@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.physics.kinematics import Numbers
 from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.array_types import Floats
@@ -33,10 +32,10 @@ def reckoned(
     >>> (reckoned(np.zeros((1, 3)), [[1.0, -1.0, 0.0]], 0.2) / np.pi).round(3).tolist()
     [[0.2, -0.2, 0.2]]
     """
-    speeds = servo_speeds(plan, _columns(np.clip(actions, -1.0, 1.0, dtype=np.float64)))
+    speeds = servo_speeds(plan, tuple(np.clip(actions, -1.0, 1.0, dtype=np.float64).T))
     gains = np.broadcast_to(servo_gain, len(speeds)).tolist()
     turned = tuple(gain * speed for gain, speed in zip(gains, speeds, strict=True))
-    return np.array(reckon(_columns(fin_angles), turned, TAU * seconds)).T
+    return np.array(reckon(tuple(fin_angles.T), turned, TAU * seconds)).T
 
 
 class NetworkInputs:
@@ -81,10 +80,10 @@ class NetworkInputs:
 
     def observe(self, observations: Floats) -> Floats:
         """Return the inputs (B, I) for observations (B, k)."""
-        up, north, gyro = (_columns(observations[:, i : i + 3]) for i in (0, 3, 6))
-        way = _columns(observations[:, -3:])
+        up, north, gyro = (tuple(observations[:, i : i + 3].T) for i in (0, 3, 6))
+        way = tuple(observations[:, -3:].T)
         turns = self._clock * self._seconds * self._actions
-        fins = _columns(self.fin_angles / TAU)
+        fins = tuple(self.fin_angles.T / TAU)
         values = np.empty((len(self.senses.names(self.plan)), len(observations)))
         put_inputs(values, self.senses.layout, turns, up, north, gyro, fins, way)
         return values.T
@@ -93,7 +92,3 @@ class NetworkInputs:
         """Carry clocks and fins on by actions (B, F), which are clipped to [-1, 1]."""
         self.fin_angles = reckoned(self.fin_angles, actions, self._seconds, plan=self.plan)
         self._actions += 1.0
-
-
-def _columns(table: Floats) -> Numbers:
-    return tuple(table.T)

@@ -33,14 +33,23 @@ class NetworkAgent:
     program
         Of one network for all robots, or of one for each.
     believed_gain
-        (F,) the servo gains by which it reckons its fins from its commands.
+        (F,) the servo gains by which it reckons its fins from its commands; None is 1 for each.
+    argument
+        The name of the gains in messages.
     """
 
-    def __init__(self, program: Program, believed_gain: Floats) -> None:
+    def __init__(
+        self,
+        program: Program,
+        believed_gain: ArrayLike | None = None,
+        argument: str = "believed_gain",
+    ) -> None:
         self.interval = program.interval
         self.plan = program.plan
         self._program = program
-        self._gain = believed_gain
+        fins = len(self.plan.fins)
+        gain = np.ones(fins) if believed_gain is None else believed_gain
+        self._gain = finite_array(argument, gain, (fins,))
         self._needed = len(CHANNELS) + 3 * program.observes_goal
 
     def reset(self, info: dict[str, Any]) -> None:

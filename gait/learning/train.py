@@ -88,7 +88,7 @@ class LearningConfig:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         one_of("task", self.task, get_args(TaskName))
         plan = check_plan(self.plan)
-        if not isinstance(self.plan, str):
+        if self.plan != plan.name:  # of a file, which is read once
             object.__setattr__(self, "plan", plan)
         check_interval(self.interval, TASKS[self.task].seconds)
         object.__setattr__(self, "senses", check_senses(self.senses))

@@ -170,7 +170,7 @@ class EvolveConfig:
                 one_of(name, getattr(self, name), choices)
         object.__setattr__(self, "senses", check_senses(self.senses))
         plan = check_plan(self.plan)
-        if not isinstance(self.plan, str):
+        if self.plan != plan.name:  # of a file, which is read once
             object.__setattr__(self, "plan", plan)
         judged = check_task(self.task)
         if not isinstance(self.task, str):

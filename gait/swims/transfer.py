@@ -10,16 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import AUTO, NAMES, check_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.plans import BodyPlan, plan_of
+from aquafish_gym.plans import plan_of
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
-    brief,
     finite_array,
     instance,
     integer,
     one_of,
 )
-from aquafish_gym.world_config import WorldConfig
+from aquafish_gym.world_config import WorldConfig, each_fin
 from gait.controllers.agents import beliefs_of, refuse_unused
 from gait.controllers.controller import MAXIMUM_SEED, Controller
 from gait.swims.poses import MAXIMUM_POSES, random_poses
@@ -188,8 +187,8 @@ def swims_on(
     plan = plan_of(controller, morphology)
     angles = finite_array("poses", poses, (None, len(plan.fins)), unit="rad")
     world = check_world(world)
-    error = _each_fin("angle_error", angle_error, plan, "rad")
-    gain = _each_fin("believed_gain", believed_gain, plan)
+    error = each_fin("angle_error", angle_error, plan, "rad")
+    gain = each_fin("believed_gain", believed_gain, plan)
     beliefs = beliefs_of(controller, observe_fins)
     refuse_unused(beliefs.angles, "angle_error", angle_error if error.any() else None)
     refuse_unused(beliefs.gains, "believed_gain", believed_gain if (gain != 1.0).any() else None)
@@ -212,14 +211,3 @@ def swims_on(
     else:
         distances = np.array([swim_from(pose).distance for pose in angles])
     return Scored(swim_from(np.zeros(len(plan.fins))), distances)
-
-
-def _each_fin(name: str, value: ArrayLike, plan: BodyPlan, unit: str = "") -> NDArray[np.float64]:
-    """Return numbers (F,) from one for all fins, or one for each."""
-    given = finite_array(name, value, (None,), unit=unit)
-    fins = len(plan.fins)
-    if len(given) not in (1, fins):
-        raise InvalidArgumentError(
-            f"{name} must be one number, or {fins} for {', '.join(plan.names)}; got {brief(value)}"
-        )
-    return np.resize(given, fins)
