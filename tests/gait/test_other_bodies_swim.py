@@ -30,6 +30,7 @@ from gait import (
 )
 from gait.__main__ import main
 from gait.controllers.network import Senses
+from gait.learning.train import LearningConfig
 from gait.search.templates import Template
 from gait.swims.transfer import TransferConfig, transfer
 from tests.plans import ODD, PLANS
@@ -75,6 +76,16 @@ def test_a_gait_is_evolved_and_read_back(plan: BodyPlan, tmp_path: Path) -> None
     alone = [swim(written, None, pose, "numba", 2.0).distance for pose in poses]
     np.testing.assert_allclose(together[0], alone, atol=1e-9)
     assert np.ptp(together) > 1e-3
+
+
+@pytest.mark.parametrize("kind", [EvolveConfig, LearningConfig])
+def test_a_configuration_reads_the_file_of_its_plan_once(kind: Any, tmp_path: Path) -> None:
+    path = tmp_path / "odd.json"
+    path.write_text(ODD.to_json())
+    config = kind(plan=str(path))
+    path.unlink()
+    assert config.plan == replace(config, seed=1).plan == ODD
+    assert kind(plan="four-fins").plan == "four-fins"  # as a command shows it
 
 
 def test_neat_evolves_a_network_with_an_output_for_each_servo() -> None:
