@@ -157,7 +157,7 @@ def assert_same_log(robots: int, steps: int, plan: BodyPlan = AQUAFISH, **option
 
 
 @pytest.mark.usefixtures("gpu")
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_a_thousand_robots_swim_five_seconds_as_in_the_lanes(dtype: str) -> None:
     assert_same_log(1000, 500, dtype=dtype)
 
@@ -207,7 +207,7 @@ def test_programs_swim_as_in_the_lanes(dtype: str, damage: str, task: str) -> No
 
 
 @pytest.mark.usefixtures("gpu")
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_distances_of_logs_are_as_in_the_lanes(dtype: str) -> None:
     trials = random_trials(70, 5)
     robots = Scenario.create(trials.morphologies, fin_angles=trials.fin_angles)
