@@ -118,7 +118,7 @@ REFUSED: dict[str, list[tuple[str, str]]] = {
     ],
     "evolv": [("", "did you mean 'evolve'")],
     "--hlep": [("", r"unknown option --hlep; did you mean --help\?")],
-    "page --out {out}": [("", "unknown option --out: see --help")],
+    "page --out {out}": [("", "unknown option --out; must be --html or")],
 }
 ROWS = [
     pytest.param(f"{command} {words}", said, id=f"{command.split()[0]}-{words[:40]}")
