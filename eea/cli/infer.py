@@ -78,7 +78,7 @@ class Infer:
         log = read_log(self.log, column_map(self.columns), self.between or None, self.plan)
         moving = self.start == "moving"
         windows = log_windows(log, moving)
-        check_groups(self.nuisances, windows)
+        check_groups(self.nuisances, windows.plan, windows)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth", log.plan)
         streams(self.seed)  # raises for a wrong seed

@@ -27,11 +27,12 @@ from aquafish_gym.runs.manifest import check_folder, result_folder
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
-from eea.core.config import Condition, Config, check_read, config_for, with_settings
+from eea.core.config import Condition, Config, JointConfig, check_read, config_for, with_settings
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, MorphologyEstimate, RealityGap, fish_eea
 from eea.fish.estimate import STATED_MASS, body_lines, end_lines
+from eea.fish.joint import check_groups
 
 KIND = "a run of the algorithm"
 # Reasons for the end of a session, in words.
@@ -92,6 +93,8 @@ class Run(Given):
         """Run until a stop rule holds; nothing is written if an option is wrong."""
         config = self.config()
         intact = read_morphology(self.target_morphology, "target_morphology", self.plan)
+        if isinstance(config, JointConfig):
+            check_groups(config.nuisances, intact.plan)  # before anything is compiled
         damage = Damage.parse(self.damage)
         settings = {
             **config.to_dict(),

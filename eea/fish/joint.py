@@ -263,12 +263,14 @@ def fish_numbers(
     }
 
 
-def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
-    """Raise a ConfigurationError for a group of numbers that a log lacks; None is all groups.
+def check_groups(
+    chosen: Iterable[str] | None, plan: BodyPlan, windows: LogWindows | None = None
+) -> None:
+    """Raise a ConfigurationError for a group of numbers that trials lack; None is all groups.
 
     It needs no simulator, so it is quick before anything is compiled.
     """
-    numbers = fish_numbers(windows.plan, windows).items()
+    numbers = fish_numbers(plan, windows).items()
     groups = dict.fromkeys(number.group or name for name, number in numbers if number.grouped)
     for name in chosen or ():
         choice("nuisances", name, groups)

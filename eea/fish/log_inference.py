@@ -84,7 +84,7 @@ def infer_log(
     flag("check", check)
     windows = log_windows(log, moving)
     config = FitConfig() if joint is None else joint
-    check_groups(config.nuisances, windows)
+    check_groups(config.nuisances, windows.plan, windows)
     if truth is not None:
         Morphology.coerce(truth, log.plan)  # raises for what is no body
     finer = log_windows(log, moving, within=CLOSEST_ROWS_SECONDS)
