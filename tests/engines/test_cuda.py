@@ -285,6 +285,7 @@ def test_the_benchmark_refuses_numbers_of_robots(
     assert f"{wrong.split()[0][2:]} must be" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_benchmark_prints_and_writes_each_row(
     gpu: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
