@@ -41,6 +41,7 @@ REFUSED: dict[str, list[tuple[str, str]]] = {
         ("--figure 5 --replicates 1" + 400 * "0", "replicates must be .* at most 10000"),
         ("--figure 5 --held-out --replicates 11", "replicates with held_out must .* at most 10"),
         ("--figure 5 --workers 0", "workers must be a whole number"),
+        ("--conditions joint --joint.nuisances cure", "did you mean 'current'"),
         ("--figure 5 9 --in-band.best 5", "in_band.best is for the condition in-band"),
         (
             "--figure 7 --preset smoke --in-band.best 7",

@@ -28,6 +28,8 @@ from aquafish_gym.runs.manifest import (
 from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, file_path
 from eea.core.checks import ConfigurationError, whole
+from eea.core.config import JointConfig
+from eea.fish.joint import check_groups
 from eea.study.method import ArmConfig
 from eea.study.replicate import (
     RUNS_FOLDER,
@@ -54,7 +56,7 @@ class Study:
     Raises
     ------
     ConfigurationError
-        If a number is out of range.
+        If a number is out of range, or a name unknown.
     """
 
     arms: Mapping[str, ArmConfig]  #: Arm to settings; ``steps`` replace theirs.
@@ -75,6 +77,9 @@ class Study:
         count = len(self.arms) * len(self.steps) * self.replicates
         whole("arms times steps times replicates", count, 1, MOST_JOBS)
         self.jobs()  # checks the steps
+        for config in self.arms.values():
+            if isinstance(config, JointConfig):
+                check_groups(config.nuisances, self.world.morphology.plan)
 
     @property
     def rounds(self) -> int:
