@@ -18,15 +18,13 @@ from numba.cuda.cudadrv.driver import CudaAPIError
 from numba.cuda.models import models, register_model
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import CompiledPolicy, OpenLoop, time_loop, work_rows
-from aquafish_gym.engines.compiled.lanes import LaneBatch, recorded
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.spectrum import PARTIAL_SUMS, partial_distances
 from aquafish_gym.physics.arithmetic import put
 from aquafish_gym.physics.compiling import say
 from aquafish_gym.physics.simd import Lanes, zero_lanes
 from aquafish_gym.plans import BodyPlan
-from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.array_types import Floats, Reals
 from aquafish_gym.utils.validation import EngineUnavailableError
 
@@ -138,29 +136,15 @@ class CudaBatch(LaneBatch):
             self._compared = None
         return found
 
-    def _run(
-        self,
-        policy: CompiledPolicy | OpenLoop,
-        program: Any,
-        steps: int,
-        asking: tuple[int, int],
-        output: Any,
-        bits: int,
-        loop: ClosedLoop | None = None,
+    def _swim(
+        self, policy: CompiledPolicy | OpenLoop, kind: tuple[Any, ...], arguments: tuple[Any, ...]
     ) -> None:
-        functions, task = (loop.functions, loop.task) if loop else (None, ())
-        late = self._given.depth > 0
+        if not self.groups:
+            return
         announce()
-        kernel = loop_kernel(
-            self.plan, policy, self.reactive, functions, late, recorded(policy, bits),
-            self._dtype_name,
-        )  # fmt: skip
-        program = (*program, *(loop.program if loop else self._no_loop))
-        clock = (self.steps_done, steps, self.substeps, *asking)
-        numbers = (TIMESTEP / self.substeps, clock, bits)
+        kernel = loop_kernel(self.plan, policy, *kind, self._dtype_name)
         try:
-            if self.groups:
-                self._swim_in_parts(kernel, program, task, numbers, output)
+            self._swim_in_parts(kernel, *arguments)
         except CudaAPIError as error:
             if error.code != OUT_OF_MEMORY:
                 raise
@@ -168,15 +152,13 @@ class CudaBatch(LaneBatch):
                 f"the GPU has not enough free memory for {self.batch} robots at once: take fewer "
                 'robots or steps, or engine="numba", the same robots in main memory'
             ) from None
-        self.steps_done += steps
 
     def _swim_in_parts(
-        self, kernel: Any, program: Any, task: Any, numbers: Any, output: Any
+        self, kernel: Any, program: Any, task: Any, h: float, clock: Any, output: Any, bits: int
     ) -> None:
         """Swim as many registers of robots at once as fit into the memory that is free."""
         weights, layout, *by_register, broken = program
         logs, spectra, roots, unit = output
-        _, clock, bits = numbers
         rows = work_rows(bits, clock[1], len(self.plan.fins))
         registers = min(at_once(self._dtype_name), self.groups)
         launch = launched(kernel, registers)
@@ -198,7 +180,7 @@ class CudaBatch(LaneBatch):
             robots = slice(first * WIDTH, (first + fitting) * WIDTH)
             read = [table[:, some] for table in tables] + [table[some] for table in by_register]
             written = [table[robots] for table in by_robot]
-            self._swim_part(launch, read, written, shared, numbers, robots)
+            self._swim_part(launch, read, written, shared, (h, clock, bits), robots)
 
     def _swim_part(
         self,

@@ -43,7 +43,7 @@ from instruments.verification.trials import random_trials
 from tests.plans import COMPILED_PLANS
 
 if importlib.util.find_spec("numba_cuda") is None:
-    pytest.skip("no GPU is here: numba-cuda is not installed", allow_module_level=True)
+    pytest.skip("numba-cuda is not installed", allow_module_level=True)
 engine: Any = importlib.import_module("aquafish_gym.engines.cuda")
 FIELDS = ("rpy", "gyro", "position", "quaternion", "fin_angles", "diverged")
 

@@ -77,11 +77,6 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
-def recorded(policy: CompiledPolicy | OpenLoop, bits: int) -> bool:
-    """Return whether to compile a loop that can record: one of a series, and where it must."""
-    return policy == PERFORM or bits != 0
-
-
 @functools.cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
     """Return the process's extra threads, started when needed and idle between calls.
@@ -336,25 +331,33 @@ class LaneBatch(Swimmers):
         bits: int,
         loop: ClosedLoop | None = None,
     ) -> None:
-        """Run the kernel on as many threads as are worth it.
+        """Let a policy command the servos for some steps.
 
-        The policy is asked whenever an interval is over, of which ``asking`` says its steps and how
-        many have passed. One that is open-loop is also asked first.
+        It is asked whenever an interval is over, of which ``asking`` says its steps and how many
+        have passed. One that is open-loop is also asked first.
         """
         functions, task = (loop.functions, loop.task) if loop else (None, ())
-        late = self._given.depth > 0
-        kernel = compile_kernel(
-            self.plan, policy, self.width, self.reactive, functions, late, recorded(policy, bits)
-        )
+        # A series has one kernel, whether it is recorded or not.
+        recorded = policy == PERFORM or bits != 0
+        kind = (self.reactive, functions, self._given.depth > 0, recorded)
         program = (*program, *(loop.program if loop else self._no_loop))
-        h = TIMESTEP / self.substeps
         clock = (self.steps_done, steps, self.substeps, *asking)
+        h = TIMESTEP / self.substeps
+        self._swim(policy, kind, (program, task, h, clock, output, bits))
+        self.steps_done += steps
+
+    def _swim(
+        self, policy: CompiledPolicy | OpenLoop, kind: tuple[Any, ...], arguments: tuple[Any, ...]
+    ) -> None:
+        """Run the kernel of a kind on as many threads as are worth it."""
+        kernel = compile_kernel(self.plan, policy, self.width, *kind)
+        *_, (_, steps, *_), _, bits = arguments
         rows = work_rows(bits, steps, len(self.plan.fins))
 
         def part(begin: int, end: int) -> None:
             tables = (self._parameters, self._states, self._conditions, self._given.table)
             space = np.empty(rows * self.width, self.dtype)
-            kernel(*tables, program, task, h, clock, output, bits, space, begin, end)
+            kernel(*tables, *arguments, space, begin, end)
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
@@ -373,7 +376,6 @@ class LaneBatch(Swimmers):
             part(0, edges[1])
             for other in others:
                 other.result()
-        self.steps_done += steps
 
     @property
     def states(self) -> Reals:
