@@ -135,6 +135,12 @@ _IDS = tuple(
         "AquaFishReturn-v0",
     )
 )  # fmt: skip
+_SMALLEST_RECOVERY = (
+    "--replicates 1 --rounds 2 --joint-rounds 1 --steps 64 --models 6 --angle-sets 6 "
+    "--generations 3 --population 12 --gait-poses 1 --search-generations 3 "
+    "--search-restarts 1 --random-candidates 10 --search-population 10 "
+    "--direct-generations 2 --poses 2 --seconds 2"
+)
 _STUDY = ("conditions", "dimensions", "angles", "final", *(f"fig{i}" for i in range(5, 11)))
 
 
@@ -185,10 +191,15 @@ RESULTS: dict[str, Result] = {
             "agent episode",
         ),
         cpu_minutes=80,
-        smallest="--replicates 1 --rounds 2 --joint-rounds 1 --steps 64 --models 6 --angle-sets 6 "
-        "--generations 3 --population 12 --gait-poses 1 --search-generations 3 "
-        "--search-restarts 1 --random-candidates 10 --search-population 10 "
-        "--direct-generations 2 --poses 2 --seconds 2",
+        smallest=_SMALLEST_RECOVERY,
+        needs=("pybullet",),
+    ),
+    "film": Result(
+        commands=("aquafish recover",),
+        files={"docs/_static/half-a-flipper.webp": "film.webp"},
+        golden=("recover", "run out-of-band", "run joint", "evolve cma"),
+        cpu_minutes=8,
+        smallest=_SMALLEST_RECOVERY,
         needs=("pybullet",),
     ),
     "figures": Result(
@@ -456,7 +467,7 @@ RESULTS: dict[str, Result] = {
         {"held-out.md": "held-out/table.md", "held-out-recognition.md": "held-out/recognition.md"},
         23,
     ),
-    "league-return": _league("return", {"return.md": "return/table.md"}, 70),
+    "league-return": _league("return", {"return.md": "return/table.md"}, 175),
     "league-waters": _league(
         "home none current reactive mujoco mujoco-lift vortices dense pybullet",
         {

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import one_of
@@ -41,4 +42,14 @@ def encode_figure(figure: Figure, form: str) -> bytes:
     # A fixed salt makes names within an SVG reproducible; journals ask for TrueType.
     with mpl.rc_context({"svg.hashsalt": "aquafish", "pdf.fonttype": 42}):
         figure.savefig(content, format=form, metadata=_UNSAID[form])
+    return _of_few_colours(content) if form == "png" else content.getvalue()
+
+
+def _of_few_colours(png: io.BytesIO) -> bytes:
+    """Return a PNG in 256 colours: a third of the bytes, and to the eye the same."""
+    content = io.BytesIO()
+    with Image.open(png) as picture:
+        picture.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(
+            content, format="png", optimize=True, dpi=picture.info["dpi"]
+        )
     return content.getvalue()

@@ -37,7 +37,8 @@ from experiments.league.episodes import CURRENT_BEGINS, HELD_OUT, Seeds, count_d
 from experiments.league.waters import WATERS
 from experiments.tables import interval_text, write_tables
 
-EPISODES = 40  # of a tier at home and in the return
+EPISODES = 40  # of a tier at home
+RETURN_EPISODES = 100  # of a tier in the return
 ELSEWHERE = 20  # of a tier in other waters, and with fewer sensors
 BELOW = (BLIND, HERO, ORACLE)  # entrants that are compared with the ceiling
 _ALL: Any = ("severe", "moderate", "mild", "none")
@@ -48,7 +49,7 @@ TABLES: dict[str, dict[str, Any]] = {
     "home": {"episodes": EPISODES},
     "none": {"episodes": ELSEWHERE, "tiers": ("none",)},
     "held-out": {"episodes": 2 * count_damages(HELD_OUT), "tiers": (HELD_OUT,)},
-    "return": {"episodes": EPISODES, "task": "return", "tiers": _ALL},
+    "return": {"episodes": RETURN_EPISODES, "task": "return", "tiers": _ALL},
     **{
         water: {"episodes": ELSEWHERE, "water": water, "tiers": _ALL}
         for water in OTHER_WATERS

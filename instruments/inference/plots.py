@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from aquafish_gym.rendering.pictures import new_figure, save_figure
 from instruments.inference.cases import DRAWS, MASSES
 from instruments.inference.settings import EVERY, FOREIGN_SETTINGS
 
 BINS = 20
+_DPI = 150
 NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
 
 
@@ -24,14 +26,14 @@ def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
     if "prior" in parts:
         figures["ranks"] = ranks_figure(parts["prior"]["ranks"])
     for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=150, metadata={"Software": None})
+        save_figure(figure, folder / f"{name}.png")
     return sorted(figures)
 
 
 def coverage_figure(parts: Mapping[str, Any]) -> Figure:
     """Return how often intervals held the truth, in each setting, against what they promise."""
     noisy = [name for name in parts if EVERY[name].noise]
-    figure = Figure(figsize=(8.0, 1.4 + 0.42 * len(noisy)), layout="constrained")
+    figure = new_figure(8.0, 1.4 + 0.42 * len(noisy), _DPI)
     axes = figure.subplots()
     for k, (mass, named) in enumerate(zip(MASSES, NAMED_MASSES, strict=True)):
         held = [parts[name]["coverage"][named] for name in noisy]
@@ -54,7 +56,7 @@ def ranks_figure(found: Mapping[str, Any]) -> Figure:
     shown = [k for k, name in enumerate(names) if "@" not in name or name.endswith("@1")]
     columns = 5
     lines = -(-len(shown) // columns)
-    figure = Figure(figsize=(10.0, 1.6 * lines), layout="constrained")
+    figure = new_figure(10.0, 1.6 * lines, _DPI)
     grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel()
     share = 1.0 / BINS
     count = ranks.shape[1]
