@@ -318,6 +318,10 @@ def test_a_result_is_up_to_date_while_command_and_golden_cases_are() -> None:
     assert out_of_date(TINY, replace(record, golden=None)) == "golden cases unknown"
     assert out_of_date(TINY, replace(record, golden="0")) == "golden cases changed"
     assert out_of_date(TINY, replace(record, files="0")) == "other files"
+
+    kept = replace(TINY, kept="its data are used as they are")
+    assert out_of_date(kept, replace(record, golden="0")) == ""
+    assert out_of_date(kept, replace(record, files="0")) == "other files"
     assert golden_digest('{"evolve cma": "a", "other": "b"}', TINY.golden) == golden_digest(
         '{"evolve cma": "a", "other": "c"}', TINY.golden
     )
