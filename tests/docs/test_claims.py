@@ -2,162 +2,42 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import pytest
 
 from eea.study.arms import MINUS
 from experiments.pages import pages
+from tests.docs import claims_environments, claims_physics
+from tests.docs.committed import (
+    DOCS,
+    ROOT,
+    Claim,
+    angle_errors,
+    cell,
+    distance,
+    figures,
+    gain,
+    number,
+    percent,
+    recovered,
+    way,
+    wins,
+    worse,
+)
 
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
 CM_PER_UNIT = 5.0
-
-
-@cache
-def document(path: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((DOCS / path).read_text(encoding="utf-8"))
-    return found
-
-
-def recovered(treatment: str, *keys: str) -> Any:
-    """Return an entry of a treatment of the case study."""
-    found: Any = document("recovery/report.json")["treatments"][treatment]
-    for key in keys:
-        found = found[key]
-    return found
-
-
-def distance(treatment: str) -> float:
-    """Return how far a treatment swims on the target from random poses, in units."""
-    return float(recovered(treatment, "target_distance_random_poses"))
-
-
-def way(entrant: str, tier: str) -> float:
-    """Return the interquartile mean of an entrant's way in the league, in units."""
-    return float(document("results/league/league.json")[entrant][tier]["way_after_onset"][0])
-
-
-def gain(entrant: str, tier: str, over: str = "blind") -> float:
-    """Return an entrant's mean gain over another in the same episodes, in units."""
-    found = document("results/league/league.json")
-    if over in found[entrant][tier]["over"]:
-        return float(found[entrant][tier]["over"][over]["mean"][0])
-    return -float(found[over][tier]["over"][entrant]["mean"][0])  # known the other way round
-
-
-def worse(entrant: str) -> int:
-    """Return the number of episodes in which an entrant is behind blind."""
-    tiers = document("results/league/league.json")[entrant].values()
-    return sum(tier["over"]["blind"]["worse"] for tier in tiers)
-
-
-def cell(path: str, row: str, column: str) -> str:
-    """Return a cell of a committed table: the row that begins with some cells."""
-    lines = (DOCS / path).read_text(encoding="utf-8").splitlines()
-    rows = [[one.strip() for one in line.strip("|").split("|")] for line in lines]
-    head = next(r for r in rows if column in r)
-    wanted = [one.strip() for one in row.split("|")]
-    (found,) = [r for r in rows if r[: len(wanted)] == wanted]
-    return found[head.index(column)]
-
-
-def number(path: str, row: str, column: str) -> float:
-    """Return the first number of a cell of a committed table."""
-    found = re.search(r"-?\d+(?:\.\d+)?", cell(path, row, column))
-    assert found
-    return float(found[0])
-
-
-def percent(more: str, than: str) -> float:
-    """Return by how much a treatment of the case study swims farther than another, in %."""
-    return 100.0 * (distance(more) / distance(than) - 1.0)
-
-
-def wins(first: str, second: str) -> int:
-    """Return in how many replicates a treatment swims farther than another."""
-    (found,) = (
-        one
-        for one in document("recovery/report.json")["paired"]
-        if (one["first"], one["second"]) == (first, second)
-        and one["measure"] == "target_distance_random_poses"
-    )
-    return int(found["wins"])
-
-
-def physics(part: str, **wanted: Any) -> dict[str, Any]:
-    """Return the row of a part of the verification of the physics that has some entries."""
-    rows = document("physics/report.json")[part]
-    rows = rows if isinstance(rows, list) else rows["rows"]
-    (found,) = [row for row in rows if wanted.items() <= row.items()]
-    return dict(found)
-
-
-def worst_quadrature() -> float:
-    """Return the largest rms error of the law's points, in %."""
-    rows = [r for r in document("physics/report.json")["quadrature"]["rows"]
-            if r["rule"] == "the law's"]  # fmt: skip
-    return 100.0 * max(max(row["force"], row["torque"]) for row in rows)
-
-
-def figures(arm: str, *durations: int) -> float:
-    """Return the mean OBJ_FIT of an arm of the paper's figures."""
-    (found,) = (
-        one["objective_fitness"]["mean"]
-        for one in document("results/figs-5-to-10/summary.json")["fitness"]
-        if one["arm"] == arm and one["durations"] == list(durations)
-    )
-    return float(found)
-
-
-def angle_errors(arm: str) -> list[float]:
-    """Return the mean errors of the three hidden angles in the last round, in degrees."""
-    found = document("results/figs-5-to-10/summary.json")["angle_error"][arm]
-    return sorted(math.degrees(one["mean"]) for one in found.values())
-
-
-def fish_fitness(condition: str) -> tuple[float, float, float]:
-    """Return the mean OBJ_FIT of a condition on FourFins, and its interval."""
-    (found,) = document(f"results/fish/{condition}.json")["fitness"]
-    low, high = found["objective_fitness"]["interval"]
-    return found["objective_fitness"]["mean"], low, high
-
-
-class Claim(NamedTuple):
-    """A sentence of a page, with the places of its numbers, and the numbers."""
-
-    page: str
-    sentence: str
-    values: tuple[Any, ...]
-
-    def written(self) -> str:
-        """Return the sentence as the page must have it."""
-        return self.sentence.format(*self.values)
-
-
 TIERS = ("severe", "moderate", "mild")
 LEAGUE = "results/league"
-SCORES = "results/scores/table.md"
-FOREIGN = "results/inference/foreign.md"
 HERO = "self-model"
 CEILING = [number(f"{LEAGUE}/ceiling.md", tier, "self-model, share") for tier in TIERS]
 ORACLES = [number(f"{LEAGUE}/ceiling.md", tier, "oracle, share") for tier in TIERS]
-SEVERE_LOSSES = [
-    1.0 - number(SCORES, row, "severe") / number(SCORES, row, "whole")
-    for entry in ("NEAT", "CMA-ES", "CMA-ES, fins", "PPO", "PPO, fins", "PPO, damaged")
-    for row in [f"AquaFishWaypoint-v0|{entry}"]
-]
 FIN_GAINS = [
     100.0 * (number(path, body, "recurrent, fins") / number(path, body, "recurrent") - 1.0)
     for path in ["results/gaits/ceiling.md"]
     for body in ("whole", "left_pectoral:length=0.5", "caudal:missing")
 ]
-FISH_GAIN = document("results/fish/league.json")[HERO]["severe"]["over"]["blind"]
 CLAIMS = [
     Claim(
         "README.md",
@@ -310,56 +190,6 @@ CLAIMS = [
         (100.0 + percent("out-of-band", "oracle-neat"),),
     ),
     Claim(
-        "docs/environments/fish.md",
-        "with OBJ_FIT {:.3f} [{:.3f}, {:.3f}].",
-        fish_fitness("joint"),
-    ),
-    Claim(
-        "docs/environments/fish.md",
-        "reaches {:.3f} [{:.3f}, {:.3f}] by 20 trials.",
-        fish_fitness("out-of-band"),
-    ),
-    Claim(
-        "docs/environments/fish.md",
-        "gains {:.1f} [{:.1f}, {:.1f}] units over one that never looks for damage, in 20 episodes "
-        "with severe damage, and is behind it in {}.",
-        (*FISH_GAIN["mean"], FISH_GAIN["worse"] or "none"),
-    ),
-    Claim(
-        "docs/environments/scores.md",
-        "PPO returns {:.1f} times the CPG with IMU and clock, and {:.0f} times with known fin "
-        "angles.",
-        tuple(
-            number(SCORES, f"AquaFish-v0|{entry}", "whole")
-            / number(SCORES, "AquaFish-v0|CPG", "whole")
-            for entry in ("PPO", "PPO, fins")
-        ),
-    ),
-    Claim(
-        "docs/environments/scores.md",
-        "Training on damage costs PPO {:.0%} without damage",
-        (
-            1.0
-            - number(SCORES, "AquaFish-v0|PPO, damaged", "whole")
-            / number(SCORES, "AquaFish-v0|PPO, fins", "whole"),
-        ),
-    ),
-    Claim(
-        "docs/environments/scores.md",
-        "still returns {:.0f} of 300, PPO with known fin angles {:.0f}.",
-        tuple(number(SCORES, f"AquaFishStation-v0|{e}", "whole") for e in ("still", "PPO, fins")),
-    ),
-    Claim(
-        "docs/environments/scores.md",
-        "PPO with known fin angles is best ({:.0f}, three to four points in a minute)",
-        (number(SCORES, "AquaFishWaypoint-v0|PPO, fins", "whole"),),
-    ),
-    Claim(
-        "docs/environments/scores.md",
-        "Severe damage costs PPO, CMA-ES and NEAT {:.0%} to {:.0%}",
-        (min(SEVERE_LOSSES), max(SEVERE_LOSSES)),
-    ),
-    Claim(
         "docs/gaits.md",
         "add {:.0f} to {:.0f}% to a recurrent network",
         (min(FIN_GAINS), max(FIN_GAINS)),
@@ -384,43 +214,8 @@ CLAIMS = [
             angle_errors("in-band")[-1],
         ),
     ),
-    Claim(
-        "docs/validation.md",
-        "With a hull twice as heavy, at 0.01 rad/s, half of the fits pass as good, and their "
-        "intervals hold {}.",
-        (cell(FOREIGN, "hull 100% heavier *|0.01", "of good fits"),),
-    ),
-    Claim(
-        "docs/validation.md",
-        "With a turned gyroscope or slow servos, at 0.03 rad/s, one fit of eight passes as good, "
-        "and its intervals hold {}.",
-        (cell(FOREIGN, "gyroscope turned by 3 degrees|0.03", "of good fits"),),
-    ),
-    Claim(
-        "docs/physics_appendix.md",
-        "At 0.01 s it is {:.3f} units in the median of twenty robots, and {:.3f} units at most.",
-        tuple(
-            physics("convergence", what="position", step=0.01)[key] for key in ("median", "maximum")
-        ),
-    ),
-    Claim(
-        "docs/physics_appendix.md",
-        "The law's rms error is at most {:.1f}% of the rms force or torque, on fins and body.",
-        (worst_quadrature(),),
-    ),
-    Claim(
-        "docs/physics_appendix.md",
-        "in units of 6.25 mN, and the simulator's is {:.4f}",
-        (document("physics/report.json")["reactive"]["held"][0]["reactive"],),
-    ),
-    Claim(
-        "docs/physics_appendix.md",
-        "float32 is at most {:.1e} units from float64 after 5.12 s, and {:.1e} units after 20 s.",
-        tuple(
-            physics("single_precision", what="position", seconds=seconds)["maximum"]
-            for seconds in (5.12, 20.0)
-        ),
-    ),
+    *claims_environments.CLAIMS,
+    *claims_physics.CLAIMS,
 ]
 
 

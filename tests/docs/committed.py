@@ -1,0 +1,134 @@
+"""Read the committed results under docs/, as sentences of the pages state them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+@cache
+def document(path: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((DOCS / path).read_text(encoding="utf-8"))
+    return found
+
+
+def recovered(treatment: str, *keys: str) -> Any:
+    """Return an entry of a treatment of the case study."""
+    found: Any = document("recovery/report.json")["treatments"][treatment]
+    for key in keys:
+        found = found[key]
+    return found
+
+
+def distance(treatment: str) -> float:
+    """Return how far a treatment swims on the target from random poses, in units."""
+    return float(recovered(treatment, "target_distance_random_poses"))
+
+
+def way(entrant: str, tier: str) -> float:
+    """Return the interquartile mean of an entrant's way in the league, in units."""
+    return float(document("results/league/league.json")[entrant][tier]["way_after_onset"][0])
+
+
+def gain(entrant: str, tier: str, over: str = "blind") -> float:
+    """Return an entrant's mean gain over another in the same episodes, in units."""
+    found = document("results/league/league.json")
+    if over in found[entrant][tier]["over"]:
+        return float(found[entrant][tier]["over"][over]["mean"][0])
+    return -float(found[over][tier]["over"][entrant]["mean"][0])  # known the other way round
+
+
+def worse(entrant: str) -> int:
+    """Return the number of episodes in which an entrant is behind blind."""
+    tiers = document("results/league/league.json")[entrant].values()
+    return sum(tier["over"]["blind"]["worse"] for tier in tiers)
+
+
+def cell(path: str, row: str, column: str) -> str:
+    """Return a cell of a committed table: the row that begins with some cells."""
+    lines = (DOCS / path).read_text(encoding="utf-8").splitlines()
+    rows = [[one.strip() for one in line.strip("|").split("|")] for line in lines]
+    head = next(r for r in rows if column in r)
+    wanted = [one.strip() for one in row.split("|")]
+    (found,) = [r for r in rows if r[: len(wanted)] == wanted]
+    return found[head.index(column)]
+
+
+def number(path: str, row: str, column: str) -> float:
+    """Return the first number of a cell of a committed table."""
+    found = re.search(r"-?\d+(?:\.\d+)?", cell(path, row, column))
+    assert found
+    return float(found[0])
+
+
+def percent(more: str, than: str) -> float:
+    """Return by how much a treatment of the case study swims farther than another, in %."""
+    return 100.0 * (distance(more) / distance(than) - 1.0)
+
+
+def wins(first: str, second: str) -> int:
+    """Return in how many replicates a treatment swims farther than another."""
+    (found,) = (
+        one
+        for one in document("recovery/report.json")["paired"]
+        if (one["first"], one["second"]) == (first, second)
+        and one["measure"] == "target_distance_random_poses"
+    )
+    return int(found["wins"])
+
+
+def physics(part: str, **wanted: Any) -> dict[str, Any]:
+    """Return the row of a part of the verification of the physics that has some entries."""
+    rows = document("physics/report.json")[part]
+    rows = rows if isinstance(rows, list) else rows["rows"]
+    (found,) = [row for row in rows if wanted.items() <= row.items()]
+    return dict(found)
+
+
+def worst_quadrature() -> float:
+    """Return the largest rms error of the law's points, in %."""
+    rows = [r for r in document("physics/report.json")["quadrature"]["rows"]
+            if r["rule"] == "the law's"]  # fmt: skip
+    return 100.0 * max(max(row["force"], row["torque"]) for row in rows)
+
+
+def figures(arm: str, *durations: int) -> float:
+    """Return the mean OBJ_FIT of an arm of the paper's figures."""
+    (found,) = (
+        one["objective_fitness"]["mean"]
+        for one in document("results/figs-5-to-10/summary.json")["fitness"]
+        if one["arm"] == arm and one["durations"] == list(durations)
+    )
+    return float(found)
+
+
+def angle_errors(arm: str) -> list[float]:
+    """Return the mean errors of the three hidden angles in the last round, in degrees."""
+    found = document("results/figs-5-to-10/summary.json")["angle_error"][arm]
+    return sorted(math.degrees(one["mean"]) for one in found.values())
+
+
+def fish_fitness(condition: str) -> tuple[float, float, float]:
+    """Return the mean OBJ_FIT of a condition on FourFins, and its interval."""
+    (found,) = document(f"results/fish/{condition}.json")["fitness"]
+    low, high = found["objective_fitness"]["interval"]
+    return found["objective_fitness"]["mean"], low, high
+
+
+class Claim(NamedTuple):
+    """A sentence of a page, with the places of its numbers, and the numbers."""
+
+    page: str
+    sentence: str
+    values: tuple[Any, ...]
+
+    def written(self) -> str:
+        """Return the sentence as the page must have it."""
+        return self.sentence.format(*self.values)
