@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+HERO = "self-model"
+TIERS = ("severe", "moderate", "mild")
 
 
 @cache

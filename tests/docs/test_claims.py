@@ -2,42 +2,29 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 import pytest
 
 from eea.study.arms import MINUS
 from experiments.pages import pages
-from tests.docs import claims_environments, claims_physics
+from tests.docs import claims_environments, claims_league, claims_methods, claims_physics
 from tests.docs.committed import (
     DOCS,
+    HERO,
     ROOT,
+    TIERS,
     Claim,
-    angle_errors,
-    cell,
     distance,
-    figures,
     gain,
     number,
-    percent,
     recovered,
     way,
     wins,
-    worse,
 )
 
 CM_PER_UNIT = 5.0
-TIERS = ("severe", "moderate", "mild")
 LEAGUE = "results/league"
-HERO = "self-model"
-CEILING = [number(f"{LEAGUE}/ceiling.md", tier, "self-model, share") for tier in TIERS]
-ORACLES = [number(f"{LEAGUE}/ceiling.md", tier, "oracle, share") for tier in TIERS]
-FIN_GAINS = [
-    100.0 * (number(path, body, "recurrent, fins") / number(path, body, "recurrent") - 1.0)
-    for path in ["results/gaits/ceiling.md"]
-    for body in ("whole", "left_pectoral:length=0.5", "caudal:missing")
-]
 CLAIMS = [
     Claim(
         "README.md",
@@ -81,140 +68,9 @@ CLAIMS = [
         "the agent keeps {:.0f}% of its way after severe damage.",
         (number(f"{LEAGUE}/ceiling.md", "severe", "self-model, share"),),
     ),
-    Claim(
-        "docs/swimming_on.md",
-        "Recognising is worth {:.1f} units after severe damage, {:.1f} after moderate and {:.1f} "
-        "after mild. The agent is behind blind in {} of 120 episodes. More is hardly to be had: "
-        "the oracle gains {:.1f}, {:.1f} and {:.1f}.",
-        (
-            *(gain(HERO, tier) for tier in TIERS),
-            worse(HERO),
-            *(gain("oracle", tier) for tier in TIERS),
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "Without refinement (*library only*) the agent loses {:.1f}, {:.1f} and {:.1f} units. RMA "
-        "searches nothing in an episode and is {:.1f}, {:.1f} and {:.1f} units behind the agent",
-        (
-            *(gain(HERO, tier, "self-model, library only") for tier in TIERS),
-            *(gain(HERO, tier, "RMA") for tier in TIERS),
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "The agent keeps {:.0f}% of the ceiling's way after severe damage, and {:.0f}% or more "
-        "after moderate and mild. What is left is not recognition: the oracle keeps {:.0f}% to "
-        "{:.0f}%.",
-        (CEILING[0], math.floor(min(CEILING[1:])), min(ORACLES), max(ORACLES)),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "the agent keeps {:.0f}% of the oracle's pace, and is right in {} episodes",
-        (
-            100.0 * number(f"{LEAGUE}/three-faults.md", "three faults", "pace, of the oracle's"),
-            cell(f"{LEAGUE}/three-faults.md", "three faults", "right"),
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "right in {}. They leave {:.0%} of the pace that the same fault leaves after 15 s.",
-        (
-            cell(f"{LEAGUE}/early.md", "early", "right"),
-            number(f"{LEAGUE}/early.md", "early", "pace, units/s")
-            / number(f"{LEAGUE}/early.md", "after 15 s", "pace, units/s"),
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "**A current that begins**: found within 0.03 units/s in {} episodes",
-        (cell(f"{LEAGUE}/current-begins.md", "current begins", "right"),),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "the agent gains {:.1f} units over blind and keeps {:.0f}% of the oracle's pace",
-        (
-            number(f"{LEAGUE}/held-out.md", "blind", "lost, held-out")
-            - number(f"{LEAGUE}/held-out.md", HERO, "lost, held-out"),
-            100.0
-            * number(f"{LEAGUE}/held-out-recognition.md", "held-out", "pace, of the oracle's"),
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "after severe damage the agent returns in time in {:g}% of the episodes, blind in {:g}%",
-        tuple(number(f"{LEAGUE}/return.md", who, "success, severe") for who in (HERO, "blind")),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "{:.2f} units after severe damage in MuJoCo's box water, {:.2f} with added mass, {:.2f} "
-        "among vortices",
-        tuple(
-            number(f"{LEAGUE}/waters-severe.md", HERO, water)
-            for water in ("mujoco", "reactive", "vortices")
-        ),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "with unknown fin angles recognising is worth {:.2f} units after severe damage, with the "
-        "gyroscope alone {:.2f}.",
-        tuple(
-            number(f"{LEAGUE}/{table}.md", HERO, "gain over blind, severe")
-            for table in ("imu", "gyroscope")
-        ),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "It swims {:.0f}% farther than a gait evolved for any damage and {:.0f}% farther than the "
-        "old gait, in ten of ten damages each.",
-        (percent("joint-fins", "randomised"), percent("joint-fins", "undamaged")),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "the gain over the gait for any damage is {:.0f}%, in nine of ten",
-        (percent("joint", "randomised"),),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "makes {:.0f}% more in the 20 s after the damage than the gait for the true body",
-        (percent("swims-on", "oracle-fins"),),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "takes {:.0f} hours of swimming",
-        (recovered("direct", "trials") * 20.0 / 3600.0,),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "The paper's method keeps {:.0f}% of the distance of its own oracle",
-        (100.0 + percent("out-of-band", "oracle-neat"),),
-    ),
-    Claim(
-        "docs/gaits.md",
-        "add {:.0f} to {:.0f}% to a recurrent network",
-        (min(FIN_GAINS), max(FIN_GAINS)),
-    ),
-    Claim(
-        "docs/results.md",
-        "{:.3f}, {:.3f}, {:.3f} and {:.3f} at 128, 256, 512 and 1024 steps",
-        tuple(figures("ideal", steps) for steps in (128, 256, 512, 1024)),
-    ),
-    Claim(
-        "docs/results.md",
-        "**Out-of-Band is better than in the paper**, {:.3f} instead of about 0.90.",
-        (figures("out-of-band", 128, 256, 512, 1024),),
-    ),
-    Claim(
-        "docs/results.md",
-        "Out-of-Band infers the angles to {:.0f} to {:.0f} degrees, In-Band to {:.0f} to {:.0f}.",
-        (
-            angle_errors("out-of-band")[0],
-            angle_errors("out-of-band")[-1],
-            angle_errors("in-band")[0],
-            angle_errors("in-band")[-1],
-        ),
-    ),
     *claims_environments.CLAIMS,
+    *claims_league.CLAIMS,
+    *claims_methods.CLAIMS,
     *claims_physics.CLAIMS,
 ]
 
@@ -229,23 +85,32 @@ def test_a_page_claims_what_was_measured(claim: Claim) -> None:
     assert plain(claim.written()) in plain((ROOT / claim.page).read_text(encoding="utf-8"))
 
 
-#: What README and paper say of methods, not of results.
-SETTINGS = {"2.56", "0.01", "95%", "0.05"}
-
-
-@pytest.mark.parametrize(
-    ("page", "begin", "end"),
-    [("README.md", "## Does it recover?", "## Where to go"), ("paper/paper.md", "# Summary", "")],
+#: Pages of which every number is compared, from a heading to another one, and the numbers that
+#: they say of methods, not of results.
+COMPARED = {
+    "README.md": ("## Does it recover?", "## Where to go", ("0.01", "95%")),
+    "paper/paper.md": ("# Summary", "", ("2.56",)),
+    **{page: ("# ", "", settings) for page, settings in claims_league.SETTINGS.items()},
+}
+WORDS = "none|one|two|three|four|five|six|seven|eight|nine|ten"
+NUMBER = rf"\d+\.\d+|\d+%|\d+ of \d+|(?:{WORDS}) of (?:{WORDS})"
+#: What other tests look at: tables that are filled, code, and where links lead.
+CUT = re.compile(
+    r"<!-- make pages:.*?<!-- end -->|^```.*?^```$|`[^`]*`|\]\([^)]*\)", re.DOTALL | re.MULTILINE
 )
-def test_every_number_is_claimed(page: str, begin: str, end: str) -> None:
-    """A number with decimals or a share that no claim has is not compared with anything."""
+
+
+@pytest.mark.parametrize("page", COMPARED)
+def test_every_number_is_claimed(page: str) -> None:
+    """A number with decimals, a share or a count that no claim has is compared with nothing."""
+    begin, end, settings = COMPARED[page]
     text = (ROOT / page).read_text(encoding="utf-8").partition(begin)[2]
     if end:
         text = text.partition(end)[0]
-    text = plain(re.sub(r"<!-- make pages:.*?<!-- end -->|`[^`]*`", "", text, flags=re.DOTALL))
+    text = plain(CUT.sub("", text))
     for claim in CLAIMS:
-        text = text.replace(plain(claim.written()), "")
-    assert set(re.findall(r"\d+\.\d+|\d+%", text)) <= SETTINGS
+        text = text.replace(plain(CUT.sub("", claim.written())), "")
+    assert sorted(set(re.findall(NUMBER, text))) == sorted(settings)
 
 
 def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:
