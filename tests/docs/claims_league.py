@@ -3,47 +3,206 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
-from tests.docs.committed import HERO, TIERS, Claim, cell, gain, number, worse
+from scipy.stats import chi2
 
+from aquafish.online import AgentConfig, thresholds
+from aquafish.online.gaits import load_library
+from aquafish.online.hypotheses import all_hypotheses
+from aquafish_gym import AQUAFISH
+from experiments.league import ceiling, draws, statistics, waters
+from experiments.league.episodes import HELD_OUT, count_damages
+from experiments.league.thresholds import EPISODES, documented
+from experiments.league.whole import TABLES
+from experiments.results import read_records
+from gait.search.templates import Template
+from tests.docs.committed import (
+    HERO,
+    ROOT,
+    TIERS,
+    Claim,
+    cell,
+    cells_of,
+    document,
+    gain,
+    number,
+    numbers,
+    rows,
+    word,
+    worse,
+)
+
+PAGE = "docs/swimming_on.md"
+TABLES_PAGE = "docs/league.md"
+THRESHOLDS_PAGE = "docs/thresholds.md"
 LEAGUE = "results/league"
+EARLY = f"{LEAGUE}/early.md"
+WORTH = f"{LEAGUE}/thresholds-worth.md"
 CEILING = [number(f"{LEAGUE}/ceiling.md", tier, "self-model, share") for tier in TIERS]
 ORACLES = [number(f"{LEAGUE}/ceiling.md", tier, "oracle, share") for tier in TIERS]
+EVERYTHING = (*TIERS, "none")
+AGENT = AgentConfig()
+LIBRARY = load_library()
+
+
+def includes_zero(path: str, row: str, column: str) -> bool:
+    """Return whether the interval of a cell includes zero."""
+    _, low, high = numbers(path, row, column)
+    return low <= 0.0 <= high
+
+
+def early_share(of_oracle: bool = False) -> float:
+    """Return the pace after an early fault as a share of the pace after a later one."""
+    early, later = (
+        number(EARLY, tier, "pace, units/s")
+        / (number(EARLY, tier, "pace, of the oracle's") if of_oracle else 1.0)
+        for tier in ("early", "after 15 s")
+    )
+    return early / later
+
+
+def played(water: str) -> int:
+    """Return the number of episodes of a tier that were played in a water."""
+    (command,) = (
+        words
+        for command in read_records()["league-waters"].commands
+        for words in [command.split()]
+        if water in words
+    )
+    if "--episodes" in command:
+        return int(command[command.index("--episodes") + 1])
+    return int(TABLES[water]["episodes"])
+
+
+def episodes_at_home() -> int:
+    """Return the number of episodes of the league at home."""
+    return sum(document(f"{LEAGUE}/league.json")[HERO][tier]["episodes"] for tier in TIERS)
+
+
+def false_alarms() -> int:
+    """Return the false alarms of the agent at home and in the held-out damages."""
+    return sum(
+        int(number(f"{LEAGUE}/{table}.md", HERO, "false alarms, all"))
+        for table in ("table", "held-out")
+    )
+
+
+def page_rows(page: str, heading: str) -> list[list[str]]:
+    """Return the cells of the first table of a page after a heading."""
+    text = (ROOT / page).read_text(encoding="utf-8").partition(f"\n{heading}\n")[2]
+    lines = text[text.index("\n|") + 1 :].partition("\n\n")[0].splitlines()
+    return cells_of(lines)
+
+
+def without_effect() -> list[str]:
+    """Return the thresholds whose half and double change no episode."""
+    return [row[0].strip("`") for row in rows(WORTH)[1:] if int(row[2]) == 0 and int(row[4]) == 0]
+
+
+def bound_change() -> float:
+    """Return by how much half of its probability moves an alarm's bound on nine squared errors."""
+    usual = thresholds.ALARM_PROBABILITY
+    return float(chi2.isf(usual / 2, 9) / chi2.isf(usual, 9)) - 1.0
+
+
+def pass_minutes() -> float:
+    """Return the CPU minutes of the thresholds' episodes with one factor on one threshold."""
+    minutes = read_records()["league-thresholds"].cpu_minutes
+    assert minutes is not None
+    return minutes / (2 * len(rows(WORTH)) - 1)
+
 
 #: The numbers that each page says of methods.
-SETTINGS = {
-    "docs/swimming_on.md": ("0.01", "0.2", "0.4", "1.2", "1.4", "1.7", "4%", "90%", "95%"),
-}
+SETTINGS = {PAGE: ("0.01", "90%", "95%"), TABLES_PAGE: (), THRESHOLDS_PAGE: ()}
 CLAIMS = [
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
+        "The filter's squared innovations are summed over {} to {} actions.",
+        (min(thresholds.WINDOWS), max(thresholds.WINDOWS)),
+    ),
+    Claim(
+        PAGE,
+        "Some {:,} hypotheses",
+        (round(sum(len(grid.numbers) for grid in all_hypotheses(AQUAFISH)), -2),),
+    ),
+    Claim(
+        PAGE,
+        "after {}, {}, {}, {}, {}, {} and {} observations.",
+        AGENT.inferences,
+    ),
+    Claim(
+        PAGE,
+        "The {} gaits of a library, a teacher and the last {} refined gaits",
+        (len(LIBRARY), word(thresholds.REFINED_GAITS)),
+    ),
+    Claim(
+        PAGE,
+        "Every {:g} s the gaits swim in simulation for {:g} s, and one that gains {:.0%} is taken.",
+        (thresholds.CHOOSE_AGAIN_SECONDS, thresholds.AHEAD_SECONDS, thresholds.LEAST_GAIN),
+    ),
+    Claim(
+        PAGE,
+        "An inference can be used {} s later, and a refinement {} to {} s later. The first one "
+        "after a fault is a third of the search, and can be used {} s later.",
+        (
+            AGENT.inference_seconds,
+            AGENT.refinement_seconds,
+            AGENT.both_seconds,
+            AGENT.quick_seconds,
+        ),
+    ),
+    Claim(
+        PAGE,
         "Recognising is worth {:.1f} units after severe damage, {:.1f} after moderate and {:.1f} "
-        "after mild. The agent is behind blind in {} of 120 episodes. More is hardly to be had: "
+        "after mild. The agent is behind blind in {} of {} episodes. More is hardly to be had: "
         "the oracle gains {:.1f}, {:.1f} and {:.1f}.",
         (
             *(gain(HERO, tier) for tier in TIERS),
             worse(HERO),
+            episodes_at_home(),
             *(gain("oracle", tier) for tier in TIERS),
         ),
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
         "Without refinement (*library only*) the agent loses {:.1f}, {:.1f} and {:.1f} units. RMA "
-        "searches nothing in an episode and is {:.1f}, {:.1f} and {:.1f} units behind the agent",
+        "searches nothing in an episode and is {:.1f}, {:.1f} and {:.1f} units behind the agent; "
+        "it is better than blind after severe damage alone.",
         (
             *(gain(HERO, tier, "self-model, library only") for tier in TIERS),
             *(gain(HERO, tier, "RMA") for tier in TIERS),
         ),
+        [tier for tier in TIERS if gain("RMA", tier) > 0.0] == ["severe"],
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
+        "CMA-ES searches the {} numbers of a recurrent network in {:.1f} million swims.",
+        (
+            len(Template.like(LIBRARY[1]).vector(LIBRARY[1])),
+            ceiling.POPULATION * sum(count * each for count, each in ceiling.STAGES) / 1e6,
+        ),
+    ),
+    Claim(
+        PAGE,
         "The agent keeps {:.0f}% of the ceiling's way after severe damage, and {:.0f}% or more "
         "after moderate and mild. What is left is not recognition: the oracle keeps {:.0f}% to "
         "{:.0f}%.",
         (CEILING[0], math.floor(min(CEILING[1:])), min(ORACLES), max(ORACLES)),
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
+        "Two kinds are not solved. What *grows* spans two steps",
+        (),
+        [
+            kind.removeprefix("gain over blind, ")
+            for kind in rows(f"{LEAGUE}/outside-blind.md")[0]
+            if kind.startswith("gain") and includes_zero(f"{LEAGUE}/outside-blind.md", HERO, kind)
+        ]
+        == ["growing", "intermittent"],
+    ),
+    Claim(
+        PAGE,
         "the agent keeps {:.0f}% of the oracle's pace, and is right in {} episodes",
         (
             100.0 * number(f"{LEAGUE}/three-faults.md", "three faults", "pace, of the oracle's"),
@@ -51,23 +210,24 @@ CLAIMS = [
         ),
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
         "right in {}. They leave {:.0%} of the pace that the same fault leaves after 15 s.",
+        (cell(EARLY, "early", "right"), early_share()),
+    ),
+    Claim(
+        PAGE,
+        "**A current that begins**: found within {} units/s in {} episodes",
         (
-            cell(f"{LEAGUE}/early.md", "early", "right"),
-            number(f"{LEAGUE}/early.md", "early", "pace, units/s")
-            / number(f"{LEAGUE}/early.md", "after 15 s", "pace, units/s"),
+            statistics.CURRENT_ERROR,
+            cell(f"{LEAGUE}/current-begins.md", "current begins", "right"),
         ),
     ),
     Claim(
-        "docs/swimming_on.md",
-        "**A current that begins**: found within 0.03 units/s in {} episodes",
-        (cell(f"{LEAGUE}/current-begins.md", "current begins", "right"),),
-    ),
-    Claim(
-        "docs/swimming_on.md",
-        "the agent gains {:.1f} units over blind and keeps {:.0f}% of the oracle's pace",
+        PAGE,
+        "**{} held-out damages**: the agent gains {:.1f} units over blind and keeps {:.0f}% of the "
+        "oracle's pace",
         (
+            count_damages(HELD_OUT),
             number(f"{LEAGUE}/held-out.md", "blind", "lost, held-out")
             - number(f"{LEAGUE}/held-out.md", HERO, "lost, held-out"),
             100.0
@@ -75,26 +235,151 @@ CLAIMS = [
         ),
     ),
     Claim(
-        "docs/swimming_on.md",
-        "after severe damage the agent returns in time in {:g}% of the episodes, blind in {:g}%",
+        PAGE,
+        "after severe damage the agent returns in time in {:g}% of the episodes, blind in {:g}%. "
+        "After other damage both always return.",
         tuple(number(f"{LEAGUE}/return.md", who, "success, severe") for who in (HERO, "blind")),
+        all(
+            number(f"{LEAGUE}/return.md", who, f"success, {tier}") == 100.0
+            for who in (HERO, "blind")
+            for tier in EVERYTHING[1:]
+        ),
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
         "{:.2f} units after severe damage in MuJoCo's box water, {:.2f} with added mass, {:.2f} "
-        "among vortices",
+        "among vortices. With dense fins and more friction it is worth nothing, and in MuJoCo's "
+        "ellipsoid model no gait of the library swims forward.",
         tuple(
             number(f"{LEAGUE}/waters-severe.md", HERO, water)
             for water in ("mujoco", "reactive", "vortices")
         ),
+        includes_zero(f"{LEAGUE}/waters-severe.md", HERO, "dense")
+        and number(f"{LEAGUE}/waters-none.md", "blind", "mujoco-lift") < 0.0,
     ),
     Claim(
-        "docs/swimming_on.md",
+        PAGE,
         "with unknown fin angles recognising is worth {:.2f} units after severe damage, with the "
         "gyroscope alone {:.2f}.",
         tuple(
             number(f"{LEAGUE}/{table}.md", HERO, "gain over blind, severe")
             for table in ("imu", "gyroscope")
         ),
+    ),
+    Claim(
+        PAGE,
+        "**False alarms**: {} in the {} episodes at home and the {} of held-out damages.",
+        (word(false_alarms()), episodes_at_home(), TABLES[HELD_OUT]["episodes"]),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "how often {:.0%} of the oracle's pace is back within {:g} s, to stay (*successes*). A "
+        "pace is back to stay at t if the mean pace from t to every moment from t + {:g} s on "
+        "reaches it.",
+        (
+            statistics.SUCCESS,
+            statistics.HORIZON,
+            round(statistics.WINDOW * statistics.DT, 9),
+        ),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "The oracle loses as much by an early fault",
+        (),
+        abs(early_share(of_oracle=True) - early_share()) < 0.02,
+    ),
+    Claim(
+        TABLES_PAGE,
+        "A current of {} to {} units/s that begins in still water. *Right* is each of its three "
+        "numbers within {} units/s:",
+        (draws.FASTEST / 2.0, draws.FASTEST, statistics.CURRENT_ERROR),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "{} damages that were frozen before any agent was tried on them",
+        (count_damages(HELD_OUT),),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "| still | the water at home | {}; {} if nothing breaks |",
+        (played("home"), played("none")),
+        {water for row in page_rows(TABLES_PAGE, "## Other water") for water in row[0].split(", ")}
+        >= {*rows(f"{LEAGUE}/waters-severe.md")[0][1:]},
+    ),
+    Claim(
+        TABLES_PAGE,
+        "| reactive | with added mass | {} |",
+        (played("reactive"),),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "| mujoco, mujoco-lift | MuJoCo's inertia-box model, its ellipsoid model | {} |",
+        (played("mujoco"),),
+        played("mujoco") == played("mujoco-lift"),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "up to {} units/s side by side, each {:g} cm wide; the agent lets the current wander "
+        "| {} |",
+        (waters.VORTEX_SPEED, 5.0 * waters.VORTEX_WIDTH, played("vortices")),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "| dense | {} times the skin friction, fins twice as dense | {} |",
+        (word(round(waters.SKIN_FRICTION)), played("dense")),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "The agent does not fit dense fins and more friction. The oracle, which is given the "
+        "damage in a model of the usual water, gains nothing either.",
+        (),
+        all(
+            includes_zero(f"{LEAGUE}/waters-{tier}.md", who, "dense")
+            for who in (HERO, "oracle")
+            for tier in EVERYTHING
+        ),
+    ),
+    Claim(
+        TABLES_PAGE,
+        "In the ellipsoid model the library's gaits and the teachers swim backward: standing still "
+        "is better.",
+        (),
+        all(
+            number(f"{LEAGUE}/waters-{tier}.md", "still", "mujoco-lift")
+            > max(0.0, number(f"{LEAGUE}/waters-{tier}.md", who, "mujoco-lift"))
+            for who in ("oracle", "oracle, teacher alone")
+            for tier in EVERYTHING
+        ),
+    ),
+    Claim(
+        THRESHOLDS_PAGE,
+        "the league's short form: {} short episodes",
+        (len(EPISODES),),
+    ),
+    Claim(
+        THRESHOLDS_PAGE,
+        "It takes about half a CPU minute for each factor on each threshold",
+        (),
+        0.3 < pass_minutes() < 0.7,
+    ),
+    Claim(
+        THRESHOLDS_PAGE,
+        "{} numbers changed no episode. {} have gone from the code since",
+        (
+            word(len(without_effect())).capitalize(),
+            word(len({*without_effect()} - {one.name for one in documented()})).capitalize(),
+        ),
+        {row[0].strip("`") for row in page_rows(THRESHOLDS_PAGE, "## Numbers without effect")[1:]}
+        == {*without_effect()},
+    ),
+    Claim(
+        THRESHOLDS_PAGE,
+        "A factor of two moves the bound on nine squared errors by {:.0%}.",
+        (bound_change(),),
+    ),
+    Claim(
+        THRESHOLDS_PAGE,
+        "between the {} nodes of most gaits of the library and the {} of the first",
+        (Counter(gait.nodes for gait in LIBRARY).most_common(1)[0][0], LIBRARY[0].nodes),
     ),
 ]

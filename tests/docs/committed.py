@@ -12,6 +12,10 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 HERO = "self-model"
+WORDS = (
+    "none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
+    "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen",
+)  # fmt: skip
 TIERS = ("severe", "moderate", "mild")
 
 
@@ -53,21 +57,39 @@ def worse(entrant: str) -> int:
     return sum(tier["over"]["blind"]["worse"] for tier in tiers)
 
 
+def word(count: int) -> str:
+    """Return a small count as pages write it."""
+    return WORDS[count] if count < len(WORDS) else str(count)
+
+
+def rows(path: str) -> list[list[str]]:
+    """Return the cells of a committed table, with its head."""
+    return cells_of((DOCS / path).read_text(encoding="utf-8").splitlines())
+
+
+def cells_of(lines: list[str]) -> list[list[str]]:
+    """Return the cells of the lines of a table, without the line below its head."""
+    cells = [[one.strip() for one in line.strip("|").split("|")] for line in lines]
+    return [row for row in cells if not row[0].startswith("---")]
+
+
 def cell(path: str, row: str, column: str) -> str:
     """Return a cell of a committed table: the row that begins with some cells."""
-    lines = (DOCS / path).read_text(encoding="utf-8").splitlines()
-    rows = [[one.strip() for one in line.strip("|").split("|")] for line in lines]
-    head = next(r for r in rows if column in r)
+    table = rows(path)
+    head = next(r for r in table if column in r)
     wanted = [one.strip() for one in row.split("|")]
-    (found,) = [r for r in rows if r[: len(wanted)] == wanted]
+    (found,) = [r for r in table if r[: len(wanted)] == wanted]
     return found[head.index(column)]
 
 
 def number(path: str, row: str, column: str) -> float:
     """Return the first number of a cell of a committed table."""
-    found = re.search(r"-?\d+(?:\.\d+)?", cell(path, row, column))
-    assert found
-    return float(found[0])
+    return numbers(path, row, column)[0]
+
+
+def numbers(path: str, row: str, column: str) -> list[float]:
+    """Return the numbers of a cell of a committed table: often a mean and its interval."""
+    return [float(one) for one in re.findall(r"-?\d+(?:\.\d+)?", cell(path, row, column))]
 
 
 def percent(more: str, than: str) -> float:
@@ -125,11 +147,12 @@ def fish_fitness(condition: str) -> tuple[float, float, float]:
 
 
 class Claim(NamedTuple):
-    """A sentence of a page, with the places of its numbers, and the numbers."""
+    """A sentence of a page with places for what was measured, and whether all of it still holds."""
 
     page: str
     sentence: str
-    values: tuple[Any, ...]
+    values: tuple[Any, ...] = ()
+    holds: bool = True
 
     def written(self) -> str:
         """Return the sentence as the page must have it."""
