@@ -29,6 +29,7 @@ from aquafish_gym.plans import PLANS, BodyPlan
 from aquafish_gym.runs.markdown import markdown_table
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.study.arms import ARMS
 from eea.study.report import markdown
 from eea.study.results import read_study
 from eea.study.summary import summarize_study
@@ -145,6 +146,43 @@ def league() -> str:
     return markdown_table(rows, words=1)
 
 
+#: What the paper says of the conditions of its figures, from the best to the worst.
+IN_THE_PAPER = {
+    "ideal": "about 1.0",
+    "out-of-band-100": "the best of the unknown angles",
+    "out-of-band": "about 0.90, rising",
+    "in-band-200": "slightly below 0.90, SD under 0.10",
+    "in-band": "0.10 to 0.15 above None",
+    "none": "at most 0.75, often falling",
+}
+GUESSES = {
+    "quantisation limit": "the quantisation limit: the nearest body that the genome has",
+    "mid-range body": "a body in the middle of all ranges",
+    "random bodies": "a random body",
+}
+
+
+def figures() -> str:
+    """Return how well the conditions of the paper's figures infer the body."""
+    summary = _read("results/figs-5-to-10/summary.json")
+    rows = [["condition", "figure", "OBJ_FIT, mean of four durations", "SD within a duration",
+             "the paper"]]  # fmt: skip
+    for name, paper in IN_THE_PAPER.items():
+        arm = ARMS[name]
+        own = [one for one in summary["fitness"] if one["arm"] == name]
+        within = [one["objective_fitness"]["sd"] for one in own if len(one["durations"]) == 1]
+        (found,) = (one["objective_fitness"] for one in own if len(one["durations"]) > 1)
+        low, high = found["interval"]
+        label = (
+            f"{arm.label.format(models=name.rpartition('-')[2])}, {found['replicates']} replicates"
+        )
+        rows.append([label, f"{arm.figure}", f"{found['mean']:.3f} [{low:.3f}, {high:.3f}]",
+                     f"{sum(within) / len(within):.3f}", paper])  # fmt: skip
+    for name, words in GUESSES.items():
+        rows.append([words, "", f"{summary['guesses'][name]:.3f}", "", "not given"])
+    return markdown_table(rows)
+
+
 def gap() -> str:
     """Return how well each method infers bodies in worlds that it does not simulate."""
     report = _read("gap/report.json")
@@ -172,6 +210,7 @@ def inference_tables(report: Mapping[str, Any]) -> Mapping[str, Table]:
 TEXTS: dict[str, Callable[[], str]] = {
     "AquaFishEnv": environment,
     **{plan.name: partial(servos, plan) for plan in PLANS.values()},
+    "figures": figures,
     "gap": gap,
     "league": league,
     "provenance": provenance,
