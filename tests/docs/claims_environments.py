@@ -2,9 +2,51 @@
 
 from __future__ import annotations
 
-from tests.docs.committed import Claim, document, fish_fitness, number
+from gait.learning.train import LearningConfig
+from tests.docs.committed import (
+    TIERS,
+    Claim,
+    cell,
+    document,
+    fish_fitness,
+    fraction,
+    number,
+    numbers,
+)
 
 SCORES = "results/scores/table.md"
+TIMES = "results/scores/times.md"
+
+
+def severe_share(entry: str) -> float:
+    """Return the share of its distance that a controller keeps after severe damage."""
+    found = cell(SCORES, f"AquaFishRecovery-v0, after the onset|{entry}", "severe")
+    return float(found.rpartition(", ")[2].removesuffix("%")) / 100.0
+
+
+def best(task: str, tier: str, *also: str) -> str:
+    """Return which evolved or learned controller has the greatest return."""
+    made = ("CPG", "NEAT", "CMA-ES", "CMA-ES, fins", "PPO", "PPO, fins", "PPO, damaged", *also)
+    return max(made, key=lambda one: number(SCORES, f"{task}|{one}", tier))
+
+
+def interval(row: str, tier: str) -> list[float]:
+    """Return the interval of a return."""
+    return numbers(SCORES, row, tier)[1:]
+
+
+def overlap(first: list[float], second: list[float]) -> bool:
+    """Return whether two intervals have a number in common."""
+    return max(first[0], second[0]) <= min(first[1], second[1])
+
+
+def returned(tier: str) -> list[float]:
+    """Return in how many of a hundred episodes the gaits that know the fin angles return."""
+    task = "AquaFishReturn-v0, success"
+    rows = [f"{task}|{entry}, fins" for entry in ("CMA-ES", "PPO")]
+    return sorted(number("results/scores/return.md", row, tier) for row in rows)
+
+
 SEVERE_LOSSES = [
     1.0 - number(SCORES, row, "severe") / number(SCORES, row, "whole")
     for entry in ("NEAT", "CMA-ES", "CMA-ES, fins", "PPO", "PPO, fins", "PPO, damaged")
@@ -55,12 +97,64 @@ CLAIMS = [
     ),
     Claim(
         "docs/environments/scores.md",
-        "PPO with known fin angles is best ({:.0f}, three to four points in a minute)",
+        "PPO with known fin angles is best ({:.0f}).",
         (number(SCORES, "AquaFishWaypoint-v0|PPO, fins", "whole"),),
+        holds=best("AquaFishWaypoint-v0", "whole") == "PPO, fins",
     ),
     Claim(
         "docs/environments/scores.md",
         "Severe damage costs PPO, CMA-ES and NEAT {:.0%} to {:.0%}",
         (min(SEVERE_LOSSES), max(SEVERE_LOSSES)),
     ),
+    Claim(
+        "docs/environments/scores.md",
+        "CMA-ES with known fin angles swims farthest under all tiers, in {} of PPO's time.",
+        (
+            fraction(
+                number(TIMES, "CMA-ES, fins", "CPU s, forward")
+                / number(TIMES, "PPO, fins", "CPU s, forward")
+            ),
+        ),
+        holds=all(best("AquaFish-v0", tier) == "CMA-ES, fins" for tier in TIERS),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "under severe damage the intervals of both overlap.",
+        holds=overlap(
+            *(interval(f"AquaFish-v0|PPO, {one}", "severe") for one in ("damaged", "fins"))
+        ),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "Under severe damage no controller is better than holding still.",
+        holds=best("AquaFishStation-v0", "severe", "still") == "still",
+    ),
+    *(
+        Claim(
+            "docs/environments/scores.md",
+            "with fins, PPO and CMA-ES keep {} of their distance after severe damage.",
+            (fraction(severe_share(entry)),),
+        )
+        for entry in ("PPO, fins", "CMA-ES, fins")
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "a whole robot returns in time in {:.0f} to {:.0f} of 100 episodes. After moderate damage "
+        "it does in {:.0f} to {:.0f}, after severe damage in about {}.",
+        (
+            *returned("whole"),
+            *returned("moderate"),
+            fraction(sum(returned("severe")) / 200.0),
+        ),
+    ),
+    Claim(
+        "docs/environments/scores.md",
+        "a learned network of two layers of 64; {:g} million actions",
+        (LearningConfig().steps / 1e6,),
+    ),
 ]
+#: Numbers of methods.
+SETTINGS: dict[str, set[str]] = {
+    "docs/environments/fish.md": {"95%"},
+    "docs/environments/scores.md": {"0.5", "95%"},  # 0.5 Hz, of the tail and of "bang-bang"
+}

@@ -108,9 +108,11 @@ def wins(first: str, second: str) -> int:
     return int(found["wins"])
 
 
-def physics(part: str, **wanted: Any) -> dict[str, Any]:
+def physics(*keys: str, **wanted: Any) -> dict[str, Any]:
     """Return the row of a part of the verification of the physics that has some entries."""
-    rows = document("physics/report.json")[part]
+    rows: Any = document("physics/report.json")
+    for key in keys:
+        rows = rows[key]
     rows = rows if isinstance(rows, list) else rows["rows"]
     (found,) = [row for row in rows if wanted.items() <= row.items()]
     return dict(found)
@@ -144,6 +146,16 @@ def fish_fitness(condition: str) -> tuple[float, float, float]:
     (found,) = document(f"results/fish/{condition}.json")["fitness"]
     low, high = found["objective_fitness"]["interval"]
     return found["objective_fitness"]["mean"], low, high
+
+
+#: Shares of a half and less, in words.
+FRACTIONS = {"a quarter": 1 / 4, "a third": 1 / 3, "half": 1 / 2}
+
+
+def fraction(share: float) -> str:
+    """Return the fraction nearest to a share in words, or in % if none is near."""
+    name = min(FRACTIONS, key=lambda one: abs(FRACTIONS[one] - share))
+    return name if abs(FRACTIONS[name] - share) < 0.05 else f"{share:.0%}"
 
 
 class Claim(NamedTuple):
