@@ -6,6 +6,10 @@ import re
 
 import pytest
 
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import Morphology
+from eea.core.fitness import chance_level, mid_range_level, objective_fitness
+from eea.fish import fish_problem
 from experiments.pages import pages
 from tests.docs import claims_environments, claims_league, claims_methods, claims_physics
 from tests.docs.committed import (
@@ -23,7 +27,20 @@ from tests.docs.committed import (
 
 CM_PER_UNIT = 5.0
 LEAGUE = "results/league"
+WHOLE = Morphology.nominal()
+HALF_A_FLIPPER = Damage.parse("left_pectoral:length=0.5").body(WHOLE).to_array()
+SIZES = fish_problem().models
 CLAIMS = [
+    Claim(
+        "CONTRIBUTING.md",
+        "On the robot with half a flipper a random body scores {:.2f}, a body in the middle of the "
+        "ranges {:.2f}, the undamaged body {:.2f}",
+        (
+            chance_level(HALF_A_FLIPPER, SIZES),
+            mid_range_level(HALF_A_FLIPPER, SIZES),
+            float(objective_fitness(WHOLE.to_array(), HALF_A_FLIPPER, SIZES)),
+        ),
+    ),
     Claim(
         "README.md",
         "NEAT, its search, is weaker: on the true body it swims {:.0f} cm",
@@ -86,9 +103,14 @@ def test_a_page_claims_what_was_measured(claim: Claim) -> None:
 
 #: Pages of which every number is compared, from a heading to another one, and the numbers that
 #: they say of methods, not of results.
-COMPARED = {
-    "README.md": ("## Does it recover?", "## Where to go", ("0.01", "95%")),
-    "paper/paper.md": ("# Summary", "", ("2.56",)),
+COMPARED: dict[str, tuple[str, str, set[str]]] = {
+    "README.md": ("## Does it recover?", "## Where to go", {"0.01", "95%"}),
+    "paper/paper.md": ("# Summary", "", {"2.56"}),
+    "CONTRIBUTING.md": ("# ", "", {"0.1", "0.5", "3.11"}),  # versions, and the range of a command
+    "docs/design.md": ("# ", "", {"5.12"}),
+    "docs/gallery.md": ("# ", "", {"1.2"}),  # the second of a picture
+    "docs/index.md": ("# ", "", set()),
+    "docs/provenance.md": ("# ", "", set()),
     **{
         page: ("# ", "", settings)
         for group in (claims_environments, claims_league, claims_methods, claims_physics)
