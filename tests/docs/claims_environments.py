@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from aquafish_gym.envs.tasks import HoldStation, ReturnToBuoys
 from gait.learning.train import LearningConfig
 from tests.docs.committed import (
     TIERS,
@@ -15,6 +16,7 @@ from tests.docs.committed import (
 )
 
 SCORES = "results/scores/table.md"
+RETURN = ReturnToBuoys()
 TIMES = "results/scores/times.md"
 
 
@@ -22,6 +24,12 @@ def severe_share(entry: str) -> float:
     """Return the share of its distance that a controller keeps after severe damage."""
     found = cell(SCORES, f"AquaFishRecovery-v0, after the onset|{entry}", "severe")
     return float(found.rpartition(", ")[2].removesuffix("%")) / 100.0
+
+
+def pace_to_keep(onset: float) -> float:
+    """Return the share of its pace that a robot needs from an onset on to return in time."""
+    needed = RETURN.seconds * (1.0 - RETURN.spare)
+    return (needed - onset) / (RETURN.seconds - onset)
 
 
 def best(task: str, tier: str, *also: str) -> str:
@@ -152,9 +160,33 @@ CLAIMS = [
         "a learned network of two layers of 64; {:g} million actions",
         (LearningConfig().steps / 1e6,),
     ),
+    Claim(
+        "docs/environments/station-v0.md",
+        "A robot that holds its servos still gets {} of that",
+        (fraction(number(SCORES, "AquaFishStation-v0|still", "whole") / 300.0),),
+    ),
+    Claim(
+        "docs/environments/station-v0.md",
+        "The water flows at {:g} to {:g} units/s",
+        (HoldStation().slowest, HoldStation().fastest),
+    ),
+    Claim(
+        "docs/environments/return-v0.md",
+        "A robot that swims at {:g} units/s through the water arrives after {:.0f} s, with {:.0%} "
+        "of the time to spare.",
+        (RETURN.pace, RETURN.seconds * (1.0 - RETURN.spare), RETURN.spare),
+    ),
+    Claim(
+        "docs/environments/return-v0.md",
+        "After damage between seconds 15 and 30 it must keep {:.0f} to {:.0%} of that pace",
+        (100.0 * pace_to_keep(30.0), pace_to_keep(15.0)),
+    ),
 ]
 #: Numbers of methods.
 SETTINGS: dict[str, set[str]] = {
     "docs/environments/fish.md": {"95%"},
+    "docs/environments/return-v0.md": {"0.05", "0.2"},
+    "docs/environments/station-v0.md": {"0.5"},
+    "docs/environments/waypoint-v0.md": {"1.5"},
     "docs/environments/scores.md": {"0.5", "95%"},  # 0.5 Hz, of the tail and of "bang-bang"
 }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import runpy
+import sys
 
 import pytest
 
@@ -136,6 +138,26 @@ def test_every_number_is_claimed(page: str) -> None:
     for claim in (one for one in CLAIMS if one.page == page):
         text = text.replace(plain(CUT.sub("", claim.written())), "")
     assert sorted(set(re.findall(NUMBER, text))) == sorted(settings)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_methods_compare_as_the_page_of_inference_says(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["compare_conditions"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(ROOT / "examples" / "compare_conditions.py"), run_name="__main__")
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    row = r"^[│|] `?([a-z-]+)\b.*?([01]\.\d{3}) [│|] ([01]\.\d{3}) "
+    found = set(re.findall(row, printed, re.MULTILINE))
+    assert len(found) == 6
+    page = (ROOT / "docs" / "inference.md").read_text(encoding="utf-8")
+    assert set(re.findall(row, page, re.MULTILINE)) == found
+    levels = re.findall(r"│ +(0\.\d{3}) │ +(0\.\d{3}) │$", printed, re.MULTILINE)[0]
+    assert f"a random body | {levels[0]} |" in page
+    assert f"middle of all ranges | {levels[1]} |" in page
 
 
 FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
