@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,17 @@ from aquafish.online.teacher import HIDDEN, INTERVAL, Teacher, first_gait, privi
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.arithmetic import TAU, sine_cosine
-from aquafish_gym.physics.layout import FIELDS, layout
+from aquafish_gym.physics.compiling import compiled_function, register_functions
+from aquafish_gym.physics.layout import SPIN, layout
 from aquafish_gym.plans import BodyPlan
-from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.sense import up_and_north
 from aquafish_gym.utils.array_types import Floats
 from gait.controllers.dense import (
     EXPONENTIAL_LINEAR,
     HYPERBOLIC_TANGENT,
     LINEAR,
+    ONE,
     Singles,
     columns,
     layer,
@@ -174,18 +177,16 @@ class TeacherNetwork:
         # Rows of the values: the library gait's action, the previous action, 1 (for the biases),
         # the inputs of that gait, and its hidden nodes. The teacher's network has the rows up to
         # the inputs, the gait's the rows from the 1 on.
-        self._base = slice(0, fins)
         self._previous = slice(fins, 2 * fins)
-        self._one = 2 * fins
-        self._sensed = slice(self._one + 1, self._one + 1 + sensed(plan))
-        self._clock = self._sensed.start + len(CHANNELS)
-        self._fins = slice(self._clock + 2, self._sensed.stop)
+        begin = 2 * fins + 1
+        end = begin + sensed(plan)
+        self._rows = begin - 1, begin, end
         joints = layout(plan).joints
         rows = np.arange(joints.start, joints.stop)
         self._fin_rows = rows.reshape(-1, 2)[:, ::-1].ravel()  # sine, then cosine
         self._weights = teacher.weights
         first = first_gait(plan)
-        self._gait = layers_of(first)
+        self._gait = tuple(layers_of(first))
         changes = numbers * number_scales(plan)
         count = len(changes)
         self._offset = np.ascontiguousarray(changes[:, :fins].T, np.float32)
@@ -197,9 +198,9 @@ class TeacherNetwork:
         self._turn = _turns(changes[:, yaw:phase])
         self.phase: Floats = changes[:, phase].copy()  #: (P,) of the clock at the next action, rad.
         nodes = sum(weights.shape[1] for weights in self._gait[:-1])
-        self._values = np.ones((self._sensed.stop + nodes, count), np.float32)
+        self._values = np.ones((end + nodes, count), np.float32)
         self._values[self._previous] = previous[:, None]
-        self._hidden = [np.ones((n + 1, count), np.float32) for n in HIDDEN]
+        self._hidden = tuple(np.ones((n + 1, count), np.float32) for n in HIDDEN)
         self._middle, self._last = (
             columns(np.hstack([self._weights[f"w{i}"], self._weights[f"b{i}"][:, None]]))
             for i in (1, 2)
@@ -222,27 +223,13 @@ class TeacherNetwork:
 
     def act(self, states: NDArray[np.floating]) -> Singles:
         """Return the next actions (F, P), in [-1, 1], in states (R, P); a view of its memory."""
-        values = self._values
-        turned = np.einsum("ijp,jp->ip", self._turn, states[FIELDS["orientation"]])
-        up, north = up_and_north(tuple(turned))
-        observe_imu(values, self._sensed.start, up, north, tuple(states[FIELDS["spin"]]))
-        values[self._clock], values[self._clock + 1] = sine_cosine(self.phase / TAU)
+        seen = np.ascontiguousarray(states)
+        turns = self.phase / TAU
+        _compiled(_observe)(self._values, self._rows, seen, self._fin_rows, self._turn, turns)
+        networks = self._gait, self._first, self._middle, self._last
+        _compiled(_act)(self._values, self._rows, networks, self._hidden)
         self.phase += self.clock_step
-        values[self._fins] = states[self._fin_rows]
-        end = self._sensed.stop
-        for weights in self._gait[:-1]:
-            nodes = values[end : end + weights.shape[1]]
-            layer(weights, values[self._one : end], nodes, HYPERBOLIC_TANGENT)
-            end += len(nodes)
-        base = values[self._base]
-        layer(self._gait[-1], values[self._one : end], base, LINEAR)
-        np.clip(base, -1.0, 1.0, out=base)
-        below = values[: self._sensed.stop]
-        for weights, hidden in zip((self._first, self._middle), self._hidden, strict=True):
-            layer(weights, below, hidden[:-1], EXPONENTIAL_LINEAR)
-            below = hidden
-        action = values[self._previous]
-        layer(self._last, below, action, LINEAR)
+        action = self._values[self._previous]
         action += self._offset
         return np.clip(action, -1.0, 1.0, out=action)
 
@@ -259,3 +246,86 @@ def _turns(angles: Floats) -> Singles:
     x, y, z, w = Rotation.from_euler("ZX", angles).as_quat().T
     rows = [[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]]
     return np.array(rows, np.float32)
+
+
+@functools.cache
+def _compiled(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a function of this file, compiled."""
+    register_functions(up_and_north, observe_imu, _turned)
+    found: Callable[..., None] = compiled_function(function, error_model="numpy")
+    return found
+
+
+def _turned(turn: Singles, states: Floats, row: int, robot: int) -> Any:
+    """Return a row of a robot's orientation, turned."""
+    total = turn[row, 0, robot] * states[0, robot]
+    for k in range(1, 4):
+        total += turn[row, k, robot] * states[k, robot]
+    return total
+
+
+def _observe(
+    values: Singles,
+    rows: tuple[int, int, int],
+    states: Any,
+    fin_rows: NDArray[np.int64],
+    turn: Singles,
+    turns: Floats,
+) -> None:
+    """Put what P robots observe into the ``values`` of ``TeacherNetwork``.
+
+    Parameters
+    ----------
+    rows
+        Of the 1, of the first input, and after the last one.
+    states
+        (R, P), in single or double precision; ``fin_rows`` are those of the fins' inputs.
+    turn
+        (4, 4, P) that turn the robots' worlds.
+    turns
+        (P,) that their clocks have made.
+    """
+    _, begin, end = rows
+    clock = end - fin_rows.size - 2
+    for p in range(values.shape[1]):
+        orientation = (
+            _turned(turn, states, 0, p),
+            _turned(turn, states, 1, p),
+            _turned(turn, states, 2, p),
+            _turned(turn, states, 3, p),
+        )
+        up, north = up_and_north(orientation)
+        gyro = (states[SPIN, p], states[SPIN + 1, p], states[SPIN + 2, p])
+        observe_imu(values[:, p], begin, up, north, gyro)
+        values[clock, p], values[clock + 1, p] = sine_cosine(turns[p])
+        for k in range(fin_rows.size):
+            values[clock + 2 + k, p] = states[fin_rows[k], p]
+
+
+def _act(
+    values: Singles,
+    rows: tuple[int, int, int],
+    networks: tuple[tuple[Singles, ...], Singles, Singles, Singles],
+    hidden: tuple[Singles, Singles],
+) -> None:
+    """Put the sums of a teacher's last layer into the rows of the previous actions of ``values``.
+
+    ``networks`` are the weights of the library gait's layers and of the teacher's three, and
+    ``hidden`` is room for the teacher's hidden nodes, with a row of 1 each.
+    """
+    one, _, end = rows
+    gait, first, middle, last = networks
+    fins = one // 2
+    top = end
+    for weights in gait[:-1]:
+        nodes = values[top : top + weights.shape[1]]
+        layer(weights, values[one:top], nodes, HYPERBOLIC_TANGENT)
+        top += weights.shape[1]
+    base = values[:fins]
+    layer(gait[-1], values[one:top], base, LINEAR)
+    for node in range(fins):
+        for p in range(values.shape[1]):
+            base[node, p] = min(max(base[node, p], -ONE), ONE)
+    layer(first, values[:end], hidden[0][:-1], EXPONENTIAL_LINEAR)
+    layer(middle, hidden[0], hidden[1][:-1], EXPONENTIAL_LINEAR)
+    layer(last, hidden[1], values[fins:one], LINEAR)

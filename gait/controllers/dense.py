@@ -24,7 +24,7 @@ LINEAR = 0
 HYPERBOLIC_TANGENT = 1
 EXPONENTIAL_LINEAR = 2
 # Singles, so that compiled code computes with nothing else.
-_ZERO, _HALF, _ONE, _EIGHTH = (np.float32(x) for x in (0.0, 0.5, 1.0, 0.125))
+_ZERO, _HALF, ONE, _EIGHTH = (np.float32(x) for x in (0.0, 0.5, 1.0, 0.125))
 _TANH_LIMIT = np.float32(9.0)  # 1 - tanh(9) = 3e-8
 _N1, _N2, _N3 = (np.float32(x / 135135) for x in (17325, 378, 1))
 _D1, _D2, _D3 = (np.float32(x / 135135) for x in (62370, 3150, 28))
@@ -38,8 +38,8 @@ def _tanh(z: Any) -> Any:
     """
     y = min(max(z, -_TANH_LIMIT), _TANH_LIMIT) * _EIGHTH
     q = y * y
-    n = y * (_ONE + q * (_N1 + q * (_N2 + q * _N3)))
-    d = _ONE + q * (_D1 + q * (_D2 + q * _D3))
+    n = y * (ONE + q * (_N1 + q * (_N2 + q * _N3)))
+    d = ONE + q * (_D1 + q * (_D2 + q * _D3))
     for _ in range(3):
         n, d = n * d + n * d, d * d + n * n
     return n / d
@@ -65,7 +65,7 @@ def layer(weights: Singles, values: Singles, nodes: Singles, kind: int) -> None:
         elif kind == EXPONENTIAL_LINEAR:  # exp(z) - 1 = 2 t / (1 - t), where t = tanh(z / 2)
             for j in range(sums.size):
                 t = _tanh(_HALF * min(sums[j], _ZERO))
-                sums[j] = max(sums[j], _ZERO) + (t + t) / (_ONE - t)
+                sums[j] = max(sums[j], _ZERO) + (t + t) / (ONE - t)
         nodes[:, p] = sums
 
 
