@@ -244,7 +244,10 @@ def test_failures_are_one_line_and_a_bug_is_not_hidden(
 
 @pytest.mark.parametrize(
     ("stream", "buffering", "said"),
-    [("stdout", "", (["--help"], 0)), ("stderr", "1", (["--fiel", "x"], 2))],
+    [
+        ("stdout", "", (["--help"], 0)),
+        pytest.param("stderr", "1", (["--fiel", "x"], 2), marks=pytest.mark.slow),
+    ],
 )
 def test_a_reader_that_leaves_is_no_error(
     stream: str, buffering: str, said: tuple[list[str], int], tmp_path: Path

@@ -80,6 +80,7 @@ def test_it_notices_infers_and_changes_its_gait() -> None:
     np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.02)
 
 
+@pytest.mark.slow
 def test_it_swims_on_as_another_fish() -> None:
     damage = "gyro:noise=0.01; fore_left:missing@15; hind_right:weak=0.5@15"
     agent, info, _ = swim(damage, 85, NOISY, plan="four-fins")

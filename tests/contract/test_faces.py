@@ -253,7 +253,8 @@ def test_a_wrapper_around_a_batch_is_one_around_each_environment(
         *(("torch-float64", mode) for mode in MODES),
         ("torch-float32", AutoresetMode.NEXT_STEP),
         ("torch-float64-unbounded", AutoresetMode.SAME_STEP),
-        ("jax-float32", AutoresetMode.SAME_STEP),  # its compilation takes a second
+        # jax compiles each function for seconds.
+        pytest.param("jax-float32", AutoresetMode.SAME_STEP, marks=pytest.mark.slow),
     ],
 )
 def test_a_wrapper_breaks_tensors_as_it_breaks_arrays(like: str, mode: AutoresetMode) -> None:

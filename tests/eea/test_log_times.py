@@ -143,7 +143,7 @@ def test_gaps_and_changes_of_rate_are_no_bunches():
     assert bunches_of(at_rate(100, 8.0) + 0.002 * np.clip(rng.normal(size=801), -2, 2), 0.01) == []
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.97])
+@pytest.mark.parametrize("memory", [pytest.param(0.0, marks=pytest.mark.slow), 0.97])
 def test_a_rate_that_changes_is_averaged_by_time(memory):
     """Readings are averaged where they are closer than 0.01 s; what that gains is measured."""
     fast = at_rate(1000, 4.0)

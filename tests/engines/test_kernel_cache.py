@@ -66,6 +66,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> pathlib.P
     return tmp_path / "aquafish"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the variable is Linux's")
 def test_kernels_are_kept_in_the_users_cache(tmp_path: pathlib.Path) -> None:
     (tmp_path / "code").mkdir()

@@ -134,6 +134,7 @@ def digests() -> list[str]:
     return alone + [check_batch(name, 60) for name in IDS]
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_bytes_in_another_process() -> None:
     code = f"import sys; sys.path[:0] = {sys.path!r}; import test_checker as t; print(t.digests())"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

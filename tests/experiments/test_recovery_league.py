@@ -384,7 +384,7 @@ def test_the_whole_league_says_how_far_below_the_ceiling_others_swim(
     assert moderate.startswith("| moderate | 2 | ")
 
 
-@pytest.mark.parametrize("water", ["vortices", "dense"])
+@pytest.mark.parametrize("water", ["vortices", pytest.param("dense", marks=pytest.mark.slow)])
 def test_a_water_of_the_leagues_own_is_another_one_and_repeats(water: Any) -> None:
     home, one, again = (
         play(Episode("PPO, fins", "mild", 60_000, seconds=32.0, water=name))["way"]

@@ -157,6 +157,7 @@ def test_random_policies_are_equal_to_the_bit(
     assert build_all(sources) == 5 * ["200 steps, 0 numbers differ, by at most 0\n"]
 
 
+@pytest.mark.slow
 @needs_cc
 def test_the_self_test_of_a_policy_sees_a_wrong_number(pendulum: Path, tmp_path: Path) -> None:
     source, _, table = policy_file(read_policy(pendulum), tmp_path / "policy.c").write()

@@ -66,7 +66,9 @@ def test_evolve_takes_a_sample_of_bodies(
     assert "on the mean over 3 bodies: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("option", ["--damage", "--target-damage"])
+@pytest.mark.parametrize(
+    "option", [pytest.param("--damage", marks=pytest.mark.slow), "--target-damage"]
+)
 def test_transfer_prints_and_writes_the_same_numbers(
     tmp_path: Path, controller_file: str, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -117,6 +117,7 @@ def test_a_hundred_environments_leave_nothing(work: str, engine: str) -> None:
     assert found["connected"] == found["idle"] == (engine == "pybullet")
 
 
+@pytest.mark.slow
 @pytest.mark.pybullet
 def test_clients_of_many_at_once_are_all_given_back() -> None:
     found = left_behind(MANY_AT_ONCE, "pybullet", 20, 20)
