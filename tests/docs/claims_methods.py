@@ -172,18 +172,18 @@ CLAIMS = [
     ),
     Claim(
         GAITS,
-        "{} trials give a gait that swims as far as a gait for the truth. It swims {:.0f}% farther "
-        "than a gait evolved for any damage and {:.0f}% farther than the old gait, in {} of {} "
-        "damages each.",
+        "{} trials give a gait that swims {:.0f}% as far as a gait for the truth. It swims {:.0f}% "
+        "farther than a gait evolved for any damage and {:.0f}% farther than the old gait, in {} "
+        "of {} damages each.",
         (
             word(recovered("joint-fins", "trials")),
+            100.0 + percent("joint-fins", "oracle-fins"),
             percent("joint-fins", "randomised"),
             percent("joint-fins", "undamaged"),
             word(wins("joint-fins", "randomised")),
             word(REPLICATES),
         ),
-        wins("joint-fins", "randomised") == wins("joint-fins", "undamaged")
-        and abs(percent("joint-fins", "oracle-fins")) < 2.0,
+        wins("joint-fins", "randomised") == wins("joint-fins", "undamaged"),
     ),
     Claim(
         GAITS,

@@ -23,6 +23,7 @@ from tests.docs.committed import (
     distance,
     gain,
     number,
+    percent,
     recovered,
     way,
 )
@@ -52,14 +53,15 @@ CLAIMS = [
         "paper/paper.md",
         "joint inference finds the body with a mean error of the nine fin sizes of {:.3f} of their "
         "ranges (OBJ_FIT {:.3f}, 95% interval {:.3f} to {:.3f}). The gait for it swims {:.1f} "
-        "units (of 5 cm) in 20 s, as far as the gait for the true body and fin angles. The old "
-        "gait swims {:.1f} units. The paper's method takes {} trials to an OBJ_FIT of {:.3f}, and "
-        "its gait by NEAT swims {:.1f} units; NEAT on the true body reaches {:.1f}.",
+        "units (of 5 cm) in 20 s, {:.0f}% as far as the gait for the true body and fin angles. The "
+        "old gait swims {:.1f} units. The paper's method takes {} trials to an OBJ_FIT of {:.3f}, "
+        "and its gait by NEAT swims {:.1f} units; NEAT on the true body reaches {:.1f}.",
         (
             1.0 - recovered("joint-fins", "objective_fitness"),
             recovered("joint-fins", "objective_fitness"),
             *recovered("joint-fins", "spread", "objective_fitness", "interval"),
             distance("joint-fins"),
+            100.0 + percent("joint-fins", "oracle-fins"),
             distance("undamaged"),
             recovered("out-of-band", "trials"),
             recovered("out-of-band", "objective_fitness"),
