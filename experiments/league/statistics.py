@@ -245,7 +245,7 @@ def pace_figure(
                 lines.append((way[WINDOW:] - way[:-WINDOW]) / (WINDOW * DT))
             shortest = min(map(len, lines))
             mean = np.mean([line[:shortest] for line in lines], axis=0)
-            hero = entrant.startswith("self-model")
+            hero = entrant == "self-model"
             seconds = DT * (np.arange(shortest) - WINDOW / 2)
             width = 2.2 if hero else 1.2
             style = "-" if i < len(COLOURS) else "--"
