@@ -591,11 +591,13 @@ def command_words(command: str, folder: Path) -> list[str]:
 
 
 def present_commit() -> str:
-    """Return the commit of the clone; "" if tracked files outside docs/ differ from it."""
+    """Return the commit of the clone; "" if tracked files differ from it, other than the pages."""
     commit = changed = None
     if is_clone(ROOT):  # a copy without .git may lie in another repository
         commit = git(ROOT, "rev-parse", "--short=8", "HEAD")
-        changed = git(ROOT, "status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+        # A result that was just made is in the pages already.
+        but = (":!docs", ":!*.md")
+        changed = git(ROOT, "status", "--porcelain", "--untracked-files=no", "--", ".", *but)
     if commit is None or changed is None:
         raise InvalidArgumentError(f"results need a clone that git can read; {ROOT} is none")
     return "" if changed else commit

@@ -273,6 +273,29 @@ def test_make_refuses_a_word_that_is_no_target() -> None:
     assert done.stdout == ""
 
 
+def test_pages_with_new_results_do_not_change_the_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else no result could be recorded after one that README shows."""
+    git = ["git", "-c", "user.name=A", "-c", "user.email=a@b.c", "-C", str(tmp_path)]
+    files = [tmp_path / name for name in ("README.md", "docs/page.md", "aquafish_gym/__init__.py")]
+    for file in files:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("before\n")
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "add", "."], check=True)
+    subprocess.run([*git, "commit", "-q", "-m", "before"], check=True)
+    monkeypatch.setattr(results, "ROOT", tmp_path)
+    commit = results.present_commit()
+    assert len(commit) == 8
+    *shown, code = files
+    for page in shown:
+        page.write_text("after\n")
+    assert results.present_commit() == commit
+    code.write_text("after\n")
+    assert results.present_commit() == ""
+
+
 def test_a_copy_without_git_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in a folder of another repository."""
     git = ["git", "-c", "user.name=A", "-c", "user.email=a@b.c", "-C", str(tmp_path)]
