@@ -61,13 +61,12 @@ def layer(weights: Singles, values: Singles, nodes: Singles, kind: int) -> None:
     terms, count = weights.shape
     networks = values.shape[1]
     groups = -(-networks // _WIDTH)
-    wide, sums = values, nodes
-    if networks < groups * _WIDTH:
-        wide = np.zeros((terms, groups * _WIDTH), np.float32)
-        for i in range(terms):
-            for p in range(networks):
-                wide[i, p] = values[i, p]
-        sums = np.empty((count, groups * _WIDTH), np.float32)
+    # Copied, because the arrays may be views, and their rows end within a register.
+    wide = np.zeros((terms, groups * _WIDTH), np.float32)
+    sums = np.empty((count, groups * _WIDTH), np.float32)
+    for i in range(terms):
+        for p in range(networks):
+            wide[i, p] = values[i, p]
     inputs, outputs = wide.reshape(-1), sums.reshape(-1)
     for group in range(groups):
         # Four sums at a time, so that none waits for its own last addition.
@@ -97,10 +96,9 @@ def layer(weights: Singles, values: Singles, nodes: Singles, kind: int) -> None:
             z = fetch(outputs, k, zero)
             t = _tanh(_HALF * where_less(z, zero, z, zero))
             put(outputs, k, where_less(z, zero, zero, z) + (t + t) / (ONE - t))
-    if networks < groups * _WIDTH:
-        for j in range(count):
-            for p in range(networks):
-                nodes[j, p] = sums[j, p]
+    for j in range(count):
+        for p in range(networks):
+            nodes[j, p] = sums[j, p]
 
 
 def columns(matrix: Singles) -> Singles:
