@@ -18,7 +18,7 @@ from aquafish.online.gaits import NORTHING, Effort, Search
 from aquafish.online.teacher import HIDDEN, INTERVAL, Teacher, first_gait, privileged, sensed
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.arithmetic import TAU, sine_cosine
+from aquafish_gym.physics.arithmetic import TAU, clip, sine_cosine
 from aquafish_gym.physics.compiling import compiled_function, register_functions
 from aquafish_gym.physics.layout import SPIN, layout
 from aquafish_gym.plans import BodyPlan
@@ -325,7 +325,7 @@ def _act(
     layer(gait[-1], values[one:top], base, LINEAR)
     for node in range(fins):
         for p in range(values.shape[1]):
-            base[node, p] = min(max(base[node, p], -ONE), ONE)
+            base[node, p] = clip(base[node, p], ONE)  # which keeps what is no number
     layer(first, values[:end], hidden[0][:-1], EXPONENTIAL_LINEAR)
     layer(middle, hidden[0], hidden[1][:-1], EXPONENTIAL_LINEAR)
     layer(last, hidden[1], values[fins:one], LINEAR)
