@@ -18,7 +18,7 @@ test test-slow: export OMP_NUM_THREADS ?= 1
 # Formats and lints JavaScript; biome.json has its settings.
 BIOME := npx --yes @biomejs/biome@2.6.8
 
-TARGETS := recover results test test-slow lint verify verify-inference bench pages docs wheel lowest clean
+TARGETS := recover results test test-slow lint verify verify-inference bench pages docs clean
 .PHONY: $(TARGETS)
 .DEFAULT_GOAL := recover
 
@@ -67,12 +67,6 @@ pages: $(VENV)/.installed-test
 
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/sphinx-build -W -j auto $(ARGS) docs docs/_build
-
-wheel:
-	.ci/wheel
-
-lowest:
-	.ci/lowest
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \

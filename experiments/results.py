@@ -65,6 +65,8 @@ class Result:
     needs
         Modules that must be installed, folders of the clone that must exist (downloads), and "an
         NVIDIA GPU".
+    kept
+        Why it is not made again, whatever has changed since; "" if it is.
     """
 
     commands: tuple[str, ...]
