@@ -88,7 +88,7 @@ class EarlyWatch:
         if not self._watched:
             for i in self._calibration.exact:
                 total, used = np.sum(squares[i], axis=0)
-                if total <= chance_bound(int(used)):
+                if len(squares[i]) >= thresholds.KNOWN_ACTIONS and total <= chance_bound(int(used)):
                     self._watched[i] = SurpriseMonitor()
                     for square, count in squares[i]:
                         self._watched[i].add(square, count, calm=True)

@@ -65,6 +65,8 @@ ALARM_PROBABILITY = 1e-7
 SURPRISE_MARGIN = 2.0
 #: factor: the same in foreign water
 FOREIGN_SURPRISE_MARGIN = 5.0
+#: actions: after which the whole robot may be watched during the calibration
+KNOWN_ACTIONS = 5
 #: observations: with which damage from the start is tried
 START_INFERENCES = (10, 15, 20, 30, 40)
 #: factor: on LEAST_OBSERVATION_SD; the drift that is assumed before it is measured

@@ -293,14 +293,15 @@ aquafish_gym.simulate(np.full((4000, 9), 0.3), (0.1, 0.1, 0.5), steps=512, threa
 """
 PREPARE = """
 import aquafish_gym, multiprocessing
-from aquafish_gym.engines.compiled.kernel import compile_kernel
-from aquafish_gym.engines.compiled.policies import hold
+from aquafish_gym.engines.compiled.kernel import PERFORM, compile_kernel
 from aquafish_gym.engines.compiled.lanes import lane_width
+from aquafish_gym.plans import AQUAFISH
 import numpy as np
 
 def misses(_):
     aquafish_gym.simulate(None, (0.1, 0.1, 0.5), steps=4)
-    kernel = compile_kernel(hold, lane_width(np.float32), False, None, False)
+    width = lane_width(np.float32)
+    kernel = compile_kernel(AQUAFISH, PERFORM, width, False, None, False, True)
     return sum(kernel.stats.cache_misses.values())
 
 if __name__ == "__main__":
