@@ -128,9 +128,13 @@ CLAIMS = [
     ),
     Claim(
         GAITS,
-        "**Memory** helps on the healthy robot without known fin angles.",
+        "**Memory** helps on the two damaged robots without known fin angles",
         (),
-        number(CEILING, "whole", "recurrent") > number(CEILING, "whole", "mlp"),
+        all(
+            (number(CEILING, body, "recurrent") > number(CEILING, body, other)) == (body != "whole")
+            for body in ("whole", "left_pectoral:length=0.5", "caudal:missing")
+            for other in ("linear", "mlp")
+        ),
     ),
     Claim(
         GAITS,
