@@ -75,7 +75,8 @@ def test_the_model_of_the_same_robot_follows_it_exactly(plan: BodyPlan) -> None:
     assert squares[-10:].max() < 1e-3
     # Where it is cannot be observed.
     observable = np.r_[0:4, 7 : layout(plan).state_numbers]
-    np.testing.assert_allclose(model.state[observable], states[-1][observable], atol=5e-5)
+    # The error of the first step's velocity dies out, in the tail-fish the slowest.
+    np.testing.assert_allclose(model.state[observable], states[-1][observable], atol=1e-4)
 
 
 def test_innovations_are_chi_square_under_noise() -> None:
