@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tyro
 
 from aquafish_gym.runs import command_line
 from aquafish_gym.runs.manifest import lock
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments import results
+from experiments.league.whole import WholeLeague
 from experiments.results import (
     GOLDEN,
     RESULTS,
@@ -50,6 +52,16 @@ def test_every_committed_file_belongs_to_one_result() -> None:
     assert sorted(set(committed) - set(owned)) == []
     assert [file for file in owned if not (ROOT / file).is_file()] == []
     assert set(read_records()) == set(RESULTS)
+
+
+def test_every_episode_of_the_league_is_listed() -> None:
+    """The smallest run of a result plays one of each tier, and does not see that others lack."""
+    begin = "python -m experiments.league.whole "
+    words = [one.removeprefix(begin).split() for _, one in COMMANDS if one.startswith(begin)]
+    assert len(words) > 5
+    for line in words:
+        for league in tyro.cli(WholeLeague, args=line).leagues():
+            assert league.jobs()  # refuses damages that are not listed
 
 
 def test_every_committed_file_is_as_it_was_made() -> None:
