@@ -281,6 +281,7 @@ def test_a_plan_of_another_process_is_found_among_ones_own() -> None:
         [sys.executable, "-c", code], env=environment, check=True, capture_output=True
     ).stdout
     assert pickle.loads(pickled) in set(PLANS)
+    assert check_plan(pickle.loads(pickled)) is check_plan("four-fins")
 
 
 def test_a_plan_is_asked_for_by_name_or_file(tmp_path: Path) -> None:
