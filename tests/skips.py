@@ -15,7 +15,6 @@ MAY_BE_SKIPPED = {
     "could not import 'jax'": "no extra has it",
     "needs tkinter": "Python may be built without it",
     "no GPU is here": "few machines have one",
-    "numba-cuda is not installed": "the extra has it for Linux",
     "there is no C compiler, cc": "pip has none",
     "there is no JavaScript engine, node": "pip has none, and apt is not everywhere",
     "the tests of": "other projects' tests need their repositories, which are not everywhere",
