@@ -402,7 +402,7 @@ RESULTS: dict[str, Result] = {
             },
         },
         golden=(*_IDS, "evolve cma", "evolve neat", "drawn damage"),
-        cpu_minutes=180,
+        cpu_minutes=70,
         smallest="--tasks forward --entries CPG NEAT CMA-ES 'CMA-ES, fins' 'PPO, fins' "
         "--replicates 1 --episodes 2 --budget-divisor 1000",
         needs=("stable_baselines3",),
