@@ -58,7 +58,7 @@ class Inference:
         if not 0.0 < self.bodies <= 100.0:
             raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
         sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS | LOGS
-        sizes |= dict.fromkeys(KINDS, DRAWS)
+        sizes |= DRAWS
         groups = {"foreign": tuple(FOREIGN_SETTINGS), "strangers": tuple(KINDS)}
         names = [
             each

@@ -38,7 +38,9 @@ KINDS = {
     "fifteen": "15 numbers",
     "twentyfive": "25 numbers",
 }
-DRAWS = 40  # robots of each kind, at full size
+#: Robots of each kind, at full size: those with short logs are quick, and a share of few numbers
+#: is vague.
+DRAWS = dict.fromkeys(KINDS, 40) | dict.fromkeys(("slow", "second"), 400)
 MASS = 0.9
 STEP = 0.05  # s
 #: What an answer says where its intervals are not to be trusted as they are.

@@ -202,7 +202,7 @@ def single_precision_figure(report: dict[str, Any]) -> Figure:
 def draw_real_fish(axes: Axes, rows: Records, published: Sequence[tuple[float, float]]) -> None:
     """Draw published speeds, the nominal robot's under both laws, and all tails' range.
 
-    Speeds are shares of the one at the greatest amplitude or frequency.
+    Speeds are shares of the mean one at the greatest amplitude or frequency.
     """
     x, y = zip(*published, strict=True)
     top = max(x)

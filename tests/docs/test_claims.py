@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from aquafish.recovery.report import shown_replicate
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from eea.core.fitness import chance_level, mid_range_level, objective_fitness
@@ -21,6 +22,7 @@ from tests.docs.committed import (
     WORDS,
     Claim,
     distance,
+    document,
     gain,
     number,
     percent,
@@ -43,6 +45,11 @@ CLAIMS = [
             mid_range_level(HALF_A_FLIPPER, SIZES),
             float(objective_fitness(WHOLE.to_array(), HALF_A_FLIPPER, SIZES)),
         ),
+    ),
+    Claim(
+        "docs/gallery.md",
+        "`aquafish recover --held-out --seed {}` with the extra `film` makes this replicate alone",
+        (shown_replicate(document("recovery/report.json")["replicates"]),),
     ),
     Claim(
         "README.md",

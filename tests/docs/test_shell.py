@@ -218,7 +218,7 @@ def test_pages_name_commands_and_options_that_exist(capsys: pytest.CaptureFixtur
 MADE = re.compile(r"`((?:python -m (?:experiments|instruments)|aquafish recover --held-out)[^`]*)`")
 #: What makes a part of a result, or other than a result.
 OTHERS = {
-    "aquafish recover --held-out --seed 2",
+    "aquafish recover --held-out --seed 0",
     "python -m experiments.NAME",
     "python -m experiments.gaits.library",
     "python -m experiments.gaits.library --plan minnow.json",
