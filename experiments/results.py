@@ -341,7 +341,7 @@ RESULTS: dict[str, Result] = {
         ),
         files={"docs/results/inference/strangers.md": "strangers.md"},
         golden=("infer",),
-        cpu_minutes=12,
+        cpu_minutes=14,
         smallest="--bodies 0.01",
     ),
     "physics": Result(
