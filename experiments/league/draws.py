@@ -23,7 +23,7 @@ from aquafish_gym.utils.array_types import Triple
 Draw = Callable[[np.random.Generator], str]
 
 ONSETS = (15.0, 30.0)  # s
-FASTEST = 0.2  # units/s, of a current that begins
+FASTEST = 0.2  # units/s, of a current
 
 
 def episode_rng(number: int, tier: str) -> np.random.Generator:

@@ -19,6 +19,7 @@ from aquafish_gym.plans import AQUAFISH, BodyPlan
 from aquafish_gym.scenario import CHANNELS
 from aquafish_gym.utils.validation import InvalidArgumentError
 from experiments.league.draws import (
+    FASTEST,
     OUTSIDE,
     BeginningCurrent,
     Draw,
@@ -165,7 +166,9 @@ def play(episode: Episode) -> dict[str, Any]:
     believes at the end; see :func:`_belief`. The CPU time is the agent's.
     """
     rng = np.random.default_rng(episode.number)
-    current = 0.2 * rng.random() * _direction(rng) if episode.water == "current" else np.zeros(3)
+    current = np.zeros(3)
+    if episode.water == "current":
+        current = FASTEST * rng.random() * _direction(rng)
     x, y = rng.uniform(-np.pi, np.pi, 2).tolist()  # of vortices
     options: dict[str, Any] = {"current": tuple(current.tolist())}
     if episode.seconds != SECONDS:
