@@ -330,7 +330,7 @@ RESULTS: dict[str, Result] = {
         commands=("python -m instruments.inference --seed 2 --only foreign --bodies 0.4",),
         files={"docs/results/inference/foreign.md": "foreign.md"},
         golden=("run joint", "simulate nuisances"),
-        cpu_minutes=20,
+        cpu_minutes=40,
         smallest="--bodies 0.01 --only scale-0.01",
         needs=("mujoco", "pybullet"),
     ),
