@@ -238,9 +238,10 @@ CLAIMS = [
     ),
     Claim(
         PAGE,
-        "that is {:.2f} units ({:.2f}) at home, {:.2f} ({:.2f}) in an unknown current, {:.2f} "
-        "({:.2f}) with added mass, {:.2f} ({:.2f}) among vortices and {:.2f} ({:.2f}) in MuJoCo's "
-        "box water. With dense fins and more friction its worth is not certain, "
+        "that is {:.2f} units ({:.2f}) at home, on PyBullet, {:.2f} ({:.2f}) in an unknown "
+        "current, {:.2f} ({:.2f}) with added mass, {:.2f} ({:.2f}) among vortices and "
+        "{:.2f} ({:.2f}) in MuJoCo's box water. With dense fins and more friction its "
+        "worth is not certain, "
         "{:.2f} [{:.2f}, {:.2f}] ({:.2f}). In MuJoCo's ellipsoid model no gait of the library "
         "swims forward, and it is worth less than nothing.",
         (
