@@ -130,6 +130,7 @@ def _files(folder: str, *names: str) -> dict[str, str]:
 _LEAGUE = "python -m experiments.league.whole --seeds held-out --first"
 _LEAGUE_CASES = ("league row", "agent episode", "AquaFishRecovery-v0 numba", "drawn damage")
 _RUNS = ("run none", "run in-band", "run out-of-band")
+_JOINT = ("run joint", "infer dense fins")
 _SWIMS = ("simulate numba float32", "simulate numba float64")
 _IDS = tuple(
     f"{name} numba"
@@ -165,7 +166,7 @@ def _real(name: str, source: str) -> Result:
     return Result(
         commands=(f"python -m experiments.real {name} --data {data}",),
         files=_files("docs/real", f"{name}.png"),
-        golden=("infer",),
+        golden=("infer", "infer dense fins"),
         cpu_minutes=60,
         needs=(data,),
     )
@@ -188,7 +189,7 @@ RESULTS: dict[str, Result] = {
         golden=(
             "recover",
             "run out-of-band",
-            "run joint",
+            *_JOINT,
             "evolve cma",
             "evolve neat",
             "agent episode",
@@ -200,7 +201,7 @@ RESULTS: dict[str, Result] = {
     "film": Result(
         commands=("aquafish recover",),
         files={"docs/_static/half-a-flipper.webp": "film.webp"},
-        golden=("recover", "run out-of-band", "run joint", "evolve cma"),
+        golden=("recover", "run out-of-band", *_JOINT, "evolve cma"),
         cpu_minutes=8,
         smallest=_SMALLEST_RECOVERY,
         needs=("pybullet",),
@@ -226,7 +227,7 @@ RESULTS: dict[str, Result] = {
             "joint --steps 128 --rounds 5 --held-out --replicates 10 --gap.gyro-noise 0.01",
         ),
         files=_files("docs/results/method", "results.csv", "study.json"),
-        golden=("run out-of-band", "run joint", "study"),
+        golden=("run out-of-band", *_JOINT, "study"),
         cpu_minutes=4,
         smallest="--preset smoke --replicates 2 --rounds 2",
     ),
@@ -254,7 +255,7 @@ RESULTS: dict[str, Result] = {
             "aquafish run --rounds 2 --damage left_pectoral:length=0.5 --gap.gyro-noise 0.01",
         ),
         files=_files("docs/results", "posterior.png"),
-        golden=("run joint",),
+        golden=_JOINT,
         cpu_minutes=0.5,
         smallest="",
     ),
@@ -287,7 +288,7 @@ RESULTS: dict[str, Result] = {
     "gaits-sample": Result(
         commands=("python -m experiments.gaits.sample --noise 0.1",),
         files={"docs/results/gaits/sample.md": "table.md"},
-        golden=("run joint", "evolve cma"),
+        golden=(*_JOINT, "evolve cma"),
         cpu_minutes=30,
         smallest="--replicates 1 --gait.generations 1 --gait.random-candidates 10",
     ),
@@ -299,7 +300,7 @@ RESULTS: dict[str, Result] = {
             "obj_fit.png",
             "share.png",
         ),
-        golden=(*_RUNS, "run joint", "evolve neat", "simulate nuisances", "simulate reactive"),
+        golden=(*_RUNS, *_JOINT, "evolve neat", "simulate nuisances", "simulate reactive"),
         cpu_minutes=180,
         smallest="--smoke --replicates 1 --rounds 2 --generations 3 --population 20 --poses 2 "
         "--worlds plain drag",
@@ -314,14 +315,14 @@ RESULTS: dict[str, Result] = {
             "report.json",
             "progress.png",
         ),
-        golden=(*_RUNS, "run joint", "evolve neat"),
+        golden=(*_RUNS, *_JOINT, "evolve neat"),
         cpu_minutes=15,
         smallest="--smoke --replicates 1 --rounds 2 --generations 3 --population 20 --poses 2",
     ),
     "inference": Result(
         commands=("python -m instruments.inference --seed 1 --bodies 0.4",),
         files=_files("docs/inference", "report.json", "times.json", "coverage.png", "ranks.png"),
-        golden=("run joint", "infer", "simulate nuisances", "simulate series", "simulate reactive"),
+        golden=(*_JOINT, "infer", "simulate nuisances", "simulate series", "simulate reactive"),
         cpu_minutes=60,
         smallest="--bodies 0.01 --only exact prior",
         needs=("mujoco",),
@@ -329,7 +330,7 @@ RESULTS: dict[str, Result] = {
     "inference-foreign": Result(
         commands=("python -m instruments.inference --seed 2 --only foreign --bodies 0.4",),
         files={"docs/results/inference/foreign.md": "foreign.md"},
-        golden=("run joint", "simulate nuisances"),
+        golden=(*_JOINT, "simulate nuisances"),
         cpu_minutes=40,
         smallest="--bodies 0.01 --only scale-0.01",
         needs=("mujoco", "pybullet"),
@@ -340,7 +341,7 @@ RESULTS: dict[str, Result] = {
             "bound slow second fifteen twentyfive",
         ),
         files={"docs/results/inference/strangers.md": "strangers.md"},
-        golden=("infer",),
+        golden=("infer", "infer dense fins"),
         cpu_minutes=14,
         smallest="--bodies 0.01",
     ),
@@ -426,7 +427,7 @@ RESULTS: dict[str, Result] = {
                 f"--rounds {rounds} --replicates 10 --gap.gyro-noise 0.01",
             ),
             files={f"docs/results/fish/{condition}.json": "summary.json"},
-            golden=("run out-of-band", "run joint", "study", "FourFins-v0 numba"),
+            golden=("run out-of-band", *_JOINT, "study", "FourFins-v0 numba"),
             cpu_minutes=minutes,
             smallest="--preset smoke --replicates 2 --rounds 2",
         )

@@ -101,6 +101,28 @@ def trials(**options: Any) -> Any:
     return [log.rpy, log.gyro, log.position, log.quaternion, log.fin_angles]
 
 
+def dense_fins() -> Any:
+    """Return the intervals of a robot whose log contradicts the assumed density of its fins."""
+    from aquafish_gym.engines.api import simulate_scenario
+    from aquafish_gym.scenario import Scenario
+    from eea import FitConfig
+    from eea.fish.joint import fish_robot
+    from eea.fish.simulator import EngineSimulator
+    from eea.infer.fit import fit
+    from eea.infer.trials import Observed
+
+    rng = np.random.default_rng(3)
+    body = aquafish_gym.Morphology.nominal().to_array()
+    commands = np.array([[0.5, -0.4, 1.0], [-0.4, 0.5, 0.8], [0.5, 0.4, 1.0]])
+    angles = rng.uniform(-np.pi, np.pi, (3, 3))
+    scenario = Scenario.create(body, fin_angles=angles, fin_density=np.full(3, 1.5))
+    log = simulate_scenario(scenario, commands, 256, "numba", "float64", record="gyro").gyro
+    signal = log + rng.normal(0.0, 0.03, log.shape)
+    effort = FitConfig(alternatives="never", restarts=0)
+    robot = fish_robot(EngineSimulator(256, threads=1))
+    return np.round(fit(Observed(commands, signal), robot, effort, rng).interval(0.9), 3)
+
+
 def random_networks() -> list[Any]:
     """Return two linear controllers."""
     from aquafish_gym import Morphology
@@ -359,6 +381,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
         velocity=(0.1, 0.5, 0.0), spin=(0.0, 0.2, 0.1),
     ),
     "simulate reactive": partial(trials, dtype="float32", reactive=True),
+    "infer dense fins": dense_fins,
     "swims float32": partial(swims, "float32"),
     "swims float64": partial(swims, "float64"),
     "export": exported,

@@ -125,6 +125,9 @@ class Assumed:
         text(f"unit of {self.name}", self.unit)
         text(f"about of {self.name}", self.about)
 
+    def __str__(self) -> str:
+        return f"{self.name}, {self.value:g} {self.unit}"
+
 
 THICKNESS = "the thickness of the fins"
 # Fins of aluminium or weighted plastic are 1 to 2.7 times as dense as water; a rough or ribbed skin
@@ -377,8 +380,8 @@ class Contradiction:
     """What a log tells of assumed numbers."""
 
     assumed: tuple[Assumed, ...]
-    estimate: Floats  #: (K,), in the numbers' own units.
-    spread: Floats  #: (K,), the standard deviations of the estimates.
+    #: (K,), the standard deviations that the log would leave of the numbers, in their own units.
+    spread: Floats
     p: float  #: The chance of as large a contradiction where the assumptions hold.
 
     @property
@@ -388,25 +391,22 @@ class Contradiction:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What was measured of the numbers where they are contradicted, and what was not."""
-        said = []
-        told = self.spread <= UNTOLD_SHARE * np.array([one.sd for one in self.assumed])
-        numbers = zip(self.assumed, self.estimate.tolist(), self.spread.tolist(), strict=True)
+        """What is contradicted, or else what was not measured.
+
+        What the numbers are instead is not said: they trade off with each other and with the
+        sizes, so that a first-order estimate can err by several standard deviations.
+        """
         if self.contradicted:
-            measured = [
-                f"{one.name} is {value:.2g} {one.unit} (sd {spread:.2g}), not {one.value:g}"
-                for one, value, spread in numbers
-                if spread <= UNTOLD_SHARE * one.sd
-            ]
-            measured = measured or [f"{' or '.join(o.name for o in self.assumed)} is not"]
-            allowed = f"the intervals allow for it (p = {self.p:.1g})"
-            said.append(f"{' and '.join(measured)} as assumed; {allowed}")
-        if not told.all():
-            untold = [one for one, known in zip(self.assumed, told, strict=True) if not known]
-            each = " and ".join(f"{one.name}, {one.value:g} {one.unit}" for one in untold)
-            about = " and ".join(dict.fromkeys(one.about for one in untold))
-            said.append(f"assumed, not measured: {each}; {about} depends on it")
-        return tuple(said)
+            assumed = " or ".join(str(one) for one in self.assumed)
+            allowed = f"the intervals allow for another value (p = {self.p:.1g})"
+            return (f"the log contradicts what is assumed: {assumed}; {allowed}",)
+        known = self.spread <= UNTOLD_SHARE * np.array([one.sd for one in self.assumed])
+        untold = [one for one, told in zip(self.assumed, known, strict=True) if not told]
+        if not untold:
+            return ()
+        each = " and ".join(str(one) for one in untold)
+        about = " and ".join(dict.fromkeys(one.about for one in untold))
+        return (f"assumed, not measured: {each}; {about} depends on it",)
 
 
 def contradiction(optima: Optima) -> Contradiction | None:
@@ -445,10 +445,4 @@ def contradiction(optima: Optima) -> Contradiction | None:
     values, vectors = np.linalg.eigh(left.information)
     covariance = (vectors / (np.maximum(values, 0.0) + 1.0)) @ vectors.T
     sds = np.array([one.sd for one in discrepancy.assumed])
-    means = np.array([one.value for one in discrepancy.assumed])
-    return Contradiction(
-        discrepancy.assumed,
-        means - sds * (covariance @ left.gradient),
-        sds * np.sqrt(np.diag(covariance)),
-        p,
-    )
+    return Contradiction(discrepancy.assumed, sds * np.sqrt(np.diag(covariance)), p)

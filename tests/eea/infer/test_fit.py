@@ -409,8 +409,7 @@ def test_a_contradicted_assumption_becomes_a_nuisance_of_the_intervals():
     belief, plain = slipped(0.05, 0.3), slipped(0.0, 0.3)
     assert belief.good
     (said,) = belief.findings
-    assert said.startswith("the slip of the wheel is 0.0")
-    assert "), not 0 as assumed; the intervals allow for it (p = " in said
+    assert said.startswith("the log contradicts what is assumed: the slip of the wheel, 0 m; the")
     low, high = belief.interval(0.9)
     assert low[0] < 0.5 < high[0]
     assert high[0] - low[0] > 2.0 * np.ptp(np.array(plain.interval(0.9))[:, 0])
@@ -445,7 +444,7 @@ def test_rough_fins_rub_like_thicker_ones_that_weigh_the_same():
     np.testing.assert_allclose(thicker * rough["fin_density"], thickness)
 
 
-@pytest.mark.parametrize("density", [pytest.param(2.0, marks=pytest.mark.slow), 1.0])
+@pytest.mark.parametrize("density", [1.5, 1.0])
 def test_dense_fins_are_found_out(density):
     body = Morphology.nominal().to_array()
     rng = np.random.default_rng(3)
@@ -453,11 +452,10 @@ def test_dense_fins_are_found_out(density):
     angles = rng.uniform(-np.pi, np.pi, (3, 3))
     scenario = Scenario.create(body, fin_angles=angles, fin_density=np.full(3, density))
     log = simulate_scenario(scenario, commands, 256, "numba", "float64", record="gyro").gyro
-    signal = log + rng.normal(0.0, 0.003, log.shape)
+    signal = log + rng.normal(0.0, 0.03, log.shape)
     robot = fish_robot(EngineSimulator(256, threads=1))
     effort = FitConfig(alternatives="never", restarts=0)
     belief = fit(Observed(commands, signal), robot, effort, rng)
-    if belief.good:  # else no interval is given
-        said = " ".join(belief.findings)
-        assert ("the intervals allow for it" in said) == (density != 1.0)
-    assert belief.good or density != 1.0
+    assert belief.good
+    said = " ".join(belief.findings)
+    assert ("the intervals allow for another value" in said) == (density != 1.0)
