@@ -34,6 +34,9 @@ from eea.study.report import markdown
 from eea.study.results import read_study
 from eea.study.summary import summarize_study
 from experiments.league.thresholds import meanings
+from experiments.real.auv_report import auv_called
+from experiments.real.drones_report import drones_cuts
+from experiments.real.fish_report import fish_errors
 from experiments.results import provenance
 from instruments.inference.summary import join_times
 from instruments.inference.tables import make_tables
@@ -214,6 +217,9 @@ TEXTS: dict[str, Callable[[], str]] = {
     "gap": gap,
     "league": league,
     "provenance": provenance,
+    "real AUV": lambda: auv_called(_read("real/auv.json")),
+    "real drones": lambda: drones_cuts(_read("real/drones.json")),
+    "real fish": lambda: fish_errors(_read("real/fish.json")),
     "recovery": recovery,
     "thresholds": meanings,
     "tiers": tiers,

@@ -160,14 +160,14 @@ def _league(tables: str, files: Mapping[str, str], minutes: float, first: int = 
     )
 
 
-def _real(name: str, source: str) -> Result:
+def _real(name: str, source: str, minutes: float) -> Result:
     """Return what is inferred of a real robot, from a download of ``source``."""
     data = f"out/downloads/{source.rpartition('/')[2]}"
     return Result(
         commands=(f"python -m experiments.real {name} --data {data}",),
-        files=_files("docs/real", f"{name}.png"),
+        files=_files("docs/real", f"{name}.png", f"{name}.json"),
         golden=("infer", "infer dense fins"),
-        cpu_minutes=60,
+        cpu_minutes=minutes,
         needs=(data,),
     )
 
@@ -323,7 +323,7 @@ RESULTS: dict[str, Result] = {
         commands=("python -m instruments.inference --seed 1 --bodies 0.4",),
         files=_files("docs/inference", "report.json", "times.json", "coverage.png", "ranks.png"),
         golden=(*_JOINT, "infer", "simulate nuisances", "simulate series", "simulate reactive"),
-        cpu_minutes=60,
+        cpu_minutes=48,
         smallest="--bodies 0.01 --only exact prior",
         needs=("mujoco",),
     ),
@@ -387,10 +387,10 @@ RESULTS: dict[str, Result] = {
         )
     },
     "real-fish": _real(
-        "fish", "https://github.com/giorgosmamakoukas/dataDrivenControlOfRoboticFish"
+        "fish", "https://github.com/giorgosmamakoukas/dataDrivenControlOfRoboticFish", 3
     ),
-    "real-drones": _real("drones", "https://github.com/AerialRoboticsUUST/CrazyPAD"),
-    "real-auv": _real("auv", "https://github.com/sunyrain/MLTask"),
+    "real-drones": _real("drones", "https://github.com/AerialRoboticsUUST/CrazyPAD", 5),
+    "real-auv": _real("auv", "https://github.com/sunyrain/MLTask", 18),
     "scores": Result(
         commands=("python -m experiments.scores",),
         files={

@@ -18,15 +18,19 @@ AXES = ("depth at the surface, m", "descent for its rate, log m", "rotor line, s
 COLOURS = ("C0", "C1", "C2", "C3", "C5")  # of the conditions
 
 
-def auv_text(table: Mapping[str, Any]) -> str:
-    """Return the figures of ``auv_table`` as two tables in Markdown.
-
-    The first has a row a condition, with the share of swims that are called each way; the second
-    has a row for each odds of nothing to a fault.
-    """
+def auv_called(table: Mapping[str, Any]) -> str:
+    """Return the share of each condition's swims that are called each way, in Markdown."""
     rows = [["condition", *CALLED]]
     for condition, shares in table["called"].items():
         rows.append([condition, *(f"{shares[name]:.1%}" for name in CALLED)])
+    return markdown_table(rows, words=1)
+
+
+def auv_text(table: Mapping[str, Any]) -> str:
+    """Return the figures of ``auv_table`` as two tables in Markdown.
+
+    The first is ``auv_called``; the second has a row for each odds of nothing to a fault.
+    """
     named = ("weight", "depth_sensor", "thruster_bad", "thruster_slight", "false_alarms")
     by_odds = [["odds of nothing", *(name.replace("_", " ") for name in named)]]
     for odds, shares in table["at_odds"].items():
@@ -38,7 +42,7 @@ def auv_text(table: Mapping[str, Any]) -> str:
     counts = ", ".join(f"{count} {what}" for what, count in table["sessions"].items())
     return (
         f"{KNOWN_SWIMS} healthy swims are known; odds of {table['odds']:g} to each fault.\n\n"
-        f"{markdown_table(rows, words=1)}\n\n{markdown_table(by_odds, words=1)}\n\n"
+        f"{auv_called(table)}\n\n{markdown_table(by_odds, words=1)}\n\n"
         f"If the rotors' rate is found in the known swims alone: {strict}.\nSessions: {counts}.\n"
     )
 

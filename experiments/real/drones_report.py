@@ -16,30 +16,31 @@ from experiments.real.crazypad import MOTORS
 COLOURS = ("C0", "C1", "C2", "C3")  # of the motors
 
 
-def drones_text(table: Mapping[str, Any]) -> str:
-    """Return the figures of ``drones_table`` as a table in Markdown.
+def drones_cuts(table: Mapping[str, Any]) -> str:
+    """Return the errors of ``drones_table`` in Markdown.
 
     "If cut" is of a propeller that has been cut, given that it is known to be cut. "No change" is
     the error of an answer that says that nothing was lost.
     """
-    head = ["question", *table["rmse_mm"], "named", "90% hold, if cut", "false alarms"]
-    rows = [head]
-    for question, of in (
-        ("since a known condition", table),
-        ("since other builds", table["other_builds"]),
-    ):
+    rows = [["error, mm", *table["rmse_mm"], "named", "90% hold, if cut", "false alarms"]]
+    for known, of in (("this build", table), ("other builds", table["other_builds"])):
         alarms = f"{of['false_alarms']} of {of['healthy_flights']}"
         shares = [f"{of['named']:.0%}", f"{of['held_90_if_cut']:.0%}", alarms]
-        rows.append([f"{question}, mm", *_lengths(of["rmse_mm"]), *shares])
-        rows.append(["if cut, mm", *_lengths(of["rmse_if_cut_mm"]), "", "", ""])
-        rows.append(["no change, mm", *_lengths(of["rmse_of_zero_mm"]), "", "", ""])
+        rows.append([f"known: {known}", *_lengths(of["rmse_mm"]), *shares])
+        rows.append(["the same, if cut", *_lengths(of["rmse_if_cut_mm"]), "", "", ""])
+        rows.append(['answering "no change"', *_lengths(of["rmse_of_zero_mm"]), "", "", ""])
+    return markdown_table(rows, words=1)
+
+
+def drones_text(table: Mapping[str, Any]) -> str:
+    """Return the figures of ``drones_table`` in Markdown."""
     same = table["would_not_show_mm"]
     other = table["other_builds"]["would_not_show_mm"]
     hidden = (
         f"In one flight, a cut below {same:.1f} mm would not show since flights of the same build, "
         f"and one below {other:.1f} mm since other builds.\n"
     )
-    return f"{markdown_table(rows, words=1)}\n\n{hidden}"
+    return f"{drones_cuts(table)}\n\n{hidden}"
 
 
 def _lengths(by_session: Mapping[str, float]) -> list[str]:

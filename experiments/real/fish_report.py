@@ -20,14 +20,19 @@ LINES = ("-", "--", "-.", ":")
 SHOWN = ((20, -50), (20, 0), (20, 20), (20, 50))  # commands whose swims are drawn, degrees
 
 
-def fish_text(table: Mapping[str, Any]) -> str:
-    """Return the figures of ``fish_table`` in Markdown, a row a predictor."""
+def fish_errors(table: Mapping[str, Any]) -> str:
+    """Return the errors of ``fish_table`` in Markdown, a row a predictor."""
     seconds = list(table["cases"])
     at = [int(np.argmin(np.abs(np.array(table["seconds"]) - float(s)))) for s in seconds]
     rows = [["predicted by", *(f"after {s} s" for s in seconds)]]
     for name, of in table["by_second"].items():
         cells = [f"{of['position_cm'][i]:.1f} cm, {of['heading_rad'][i]:.2f} rad" for i in at]
         rows.append([name, *cells])
+    return markdown_table(rows, words=1)
+
+
+def fish_text(table: Mapping[str, Any]) -> str:
+    """Return the figures of ``fish_table`` in Markdown."""
     cases = ", ".join(f"{count} after {s} s" for s, count in table["cases"].items())
     by = "; ".join(
         f"after {s} s along {along:.0%}, across {across:.0%}, heading {heading:.0%}"
@@ -37,7 +42,7 @@ def fish_text(table: Mapping[str, Any]) -> str:
     straight += [[str(a), *(f"{v:.4f}" for v in speeds)] for a, speeds in table["straight_speeds"]]
     return (
         f"Root mean squares of held-out commands; cases: {cases}.\n\n"
-        f"{markdown_table(rows, words=1)}\n\n"
+        f"{fish_errors(table)}\n\n"
         f"Our 90% intervals hold {table['held_90']:.1%}: {by}.\n\n"
         f"Mean speeds of the runs without bias, in the second about each time:\n\n"
         f"{markdown_table(straight, words=1)}\n\n"

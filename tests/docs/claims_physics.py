@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from statistics import mean
 from typing import Any
 
 from aquafish_gym.engines.cuda import REGISTERS
@@ -50,6 +51,9 @@ HALF_WIDTHS = [
 ]
 GPU = (DOCS / "results/performance/gpu.md").read_text(encoding="utf-8")
 MULTIPROCESSORS = int(re.findall(r"(\d+) multiprocessors", GPU)[0])
+SWIMMER = document("real/fish.json")
+DRONES = document("real/drones.json")
+AUV = document("real/auv.json")
 COURSES = [one["beats"] for one in REPORT["reactive"]["course"] if one["beats"]]
 
 
@@ -363,6 +367,45 @@ CLAIMS = [
         holds=on_gpu("cuda", "open, logged")[1]
         < min(on_gpu("cuda", "open, logged")[0] / 2.0, on_gpu("numba", "open, logged")[0]),
     ),
+    Claim(
+        "docs/real_robots.md",
+        "{} predictions of 2 s and {} of 5 s:",
+        (SWIMMER["cases"]["2"], SWIMMER["cases"]["5"]),
+    ),
+    Claim("docs/real_robots.md", "Our 90% intervals hold {:.0%}.", (SWIMMER["held_90"],)),
+    Claim(
+        "docs/real_robots.md",
+        "the tail comes out {:.0f} cm long and {:.0f} cm high.",
+        tuple(100.0 * mean(SWIMMER["numbers"][one]) for one in ("tail_length", "tail_height")),
+    ),
+    Claim(
+        "docs/real_robots.md",
+        "A cut below {:.1f} mm would not show in one flight against healthy flights of the same "
+        "build, one below {:.1f} mm not against those of other builds.",
+        (DRONES["would_not_show_mm"], DRONES["other_builds"]["would_not_show_mm"]),
+    ),
+    Claim(
+        "docs/real_robots.md",
+        "In both sessions of 9 April the flights of other builds tell nothing:",
+        holds=all(
+            DRONES["other_builds"]["rmse_mm"][one] == DRONES["other_builds"]["rmse_of_zero_mm"][one]
+            for one in ("E8, 9 April", "E9, 9 April")
+        ),
+    ),
+    Claim(
+        "docs/real_robots.md",
+        "The prior odds are {:.0f} to 1 against each fault, at which at most 10% of healthy swims "
+        "are called broken:",
+        (AUV["odds"],),
+        AUV["false_alarms"] <= 0.1,
+    ),
+    Claim("docs/real_robots.md", "The rotors' rate, {:.1f} Hz,", (mean(AUV["rotor_hz"]),)),
+    Claim(
+        "docs/real_robots.md",
+        "With the rate of the rotors from the fifty known swims alone, a badly damaged propeller "
+        "is named in {:.1%}.",
+        (AUV["rotor_of_known"]["thruster_bad"],),
+    ),
 ]
 #: What `examples/compare_conditions.py` prints; docs/provenance.md has its commit.
 COMPARED = {
@@ -390,4 +433,5 @@ SETTINGS: dict[str, set[str]] = {
         "0.26",  # of Clark et al., 2012
     },
     "docs/performance.md": {"0.01", "90%"},
+    "docs/real_robots.md": {"0.1", "0.75", "0.8", "1.5", "5%", "one of four"},
 }

@@ -192,7 +192,7 @@ def test_sessions_are_never_split(folder: Path, monkeypatch: pytest.MonkeyPatch)
     assert table["held_90_if_cut"] == pytest.approx(1 / 3)
     assert table["false_alarms"] == table["healthy_flights"] == 8
     assert table["would_not_show_mm"] == 1.5
-    assert "| since a known condition, mm | 0.50 |" in drones_text(table)
+    assert "| known: this build | 0.50 |" in drones_text(table)
     out = folder / "out"
     RealDrones(folder, out).execute()
     written = json.loads((out / "drones.json").read_text())
