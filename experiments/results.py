@@ -414,7 +414,13 @@ RESULTS: dict[str, Result] = {
             "bang-bang 'tail only' CPG NEAT CMA-ES 'CMA-ES, fins' PPO 'PPO, fins'",
         ),
         files=_files("docs/results/fish", "table.md", "times.md"),
-        golden=("FourFins-v0 numba", "TailFish-v0 numba", "drawn damage"),
+        golden=(
+            "FourFins-v0 numba",
+            "TailFish-v0 numba",
+            "evolve cma",
+            "evolve neat",
+            "drawn damage",
+        ),
         cpu_minutes=30,
         smallest="--tasks four-fins --entries CPG CMA-ES --replicates 1 --episodes 2 "
         "--budget-divisor 1000",
