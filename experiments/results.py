@@ -301,7 +301,7 @@ RESULTS: dict[str, Result] = {
             "share.png",
         ),
         golden=(*_RUNS, *_JOINT, "evolve neat", "simulate nuisances", "simulate reactive"),
-        cpu_minutes=180,
+        cpu_minutes=90,
         smallest="--smoke --replicates 1 --rounds 2 --generations 3 --population 20 --poses 2 "
         "--worlds plain drag",
         needs=("pybullet",),

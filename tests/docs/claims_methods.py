@@ -38,6 +38,9 @@ FIN_GAINS = [
     for body in BODIES
 ]
 REPLICATES = len(document("recovery/report.json")["seeds"])
+JOINT_BY_WORLD = {
+    one["world"]: one for one in document("gap/report.json")["summary"] if one["method"] == "joint"
+}
 GAP_SETTINGS = document("gap/report.json")["settings"]
 HEALTHY = [number(CEILING, "whole", search) for search in SEARCHES]
 
@@ -313,6 +316,24 @@ CLAIMS = [
         GAP,
         "One world for {} trials",
         (word(document("gap/ten-trials/report.json")["settings"]["eea"]["rounds"]),),
+    ),
+    Claim(
+        GAP,
+        "The intervals of joint inference hold {:.0%} to {:.0%},",
+        (
+            min(one["covered"]["90%"]["mean"] for one in JOINT_BY_WORLD.values()),
+            max(one["covered"]["90%"]["mean"] for one in JOINT_BY_WORLD.values()),
+        ),
+    ),
+    Claim(
+        GAP,
+        "with `substeps-8` it accepts {:.0%} of the fits.",
+        (JOINT_BY_WORLD["substeps-8"]["fits"]["mean"],),
+        all(
+            one["fits"]["mean"] == 1.0
+            for name, one in JOINT_BY_WORLD.items()
+            if name != "substeps-8"
+        ),
     ),
     Claim(
         GAP,
