@@ -101,8 +101,8 @@ def trials(**options: Any) -> Any:
     return [log.rpy, log.gyro, log.position, log.quaternion, log.fin_angles]
 
 
-def dense_fins() -> Any:
-    """Return the intervals of a robot whose log contradicts the assumed density of its fins."""
+def fit_of_fins(density: float) -> Any:
+    """Return the posterior of three trials of a robot with fins of a density, in times water's."""
     from aquafish_gym.engines.api import simulate_scenario
     from aquafish_gym.scenario import Scenario
     from eea import FitConfig
@@ -115,12 +115,17 @@ def dense_fins() -> Any:
     body = aquafish_gym.Morphology.nominal().to_array()
     commands = np.array([[0.5, -0.4, 1.0], [-0.4, 0.5, 0.8], [0.5, 0.4, 1.0]])
     angles = rng.uniform(-np.pi, np.pi, (3, 3))
-    scenario = Scenario.create(body, fin_angles=angles, fin_density=np.full(3, 1.5))
+    scenario = Scenario.create(body, fin_angles=angles, fin_density=np.full(3, density))
     log = simulate_scenario(scenario, commands, 256, "numba", "float64", record="gyro").gyro
     signal = log + rng.normal(0.0, 0.03, log.shape)
     effort = FitConfig(alternatives="never", restarts=0)
     robot = fish_robot(EngineSimulator(256, threads=1))
-    return np.round(fit(Observed(commands, signal), robot, effort, rng).interval(0.9), 3)
+    return fit(Observed(commands, signal), robot, effort, rng)
+
+
+def dense_fins() -> Any:
+    """Return the intervals of a robot whose log contradicts the assumed density of its fins."""
+    return np.round(fit_of_fins(1.5).interval(0.9), 3)
 
 
 def random_networks() -> list[Any]:

@@ -394,7 +394,7 @@ class Contradiction:
         """What is contradicted, or else what was not measured.
 
         What the numbers are instead is not said: they trade off with each other and with the
-        sizes, so that a first-order estimate can err by several standard deviations.
+        sizes, so that a first-order estimate misleads.
         """
         if self.contradicted:
             assumed = " or ".join(str(one) for one in self.assumed)

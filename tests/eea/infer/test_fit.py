@@ -10,12 +10,8 @@ from scipy.fft import dct
 from scipy.signal import lfilter
 
 from aquafish_gym import Morphology
-from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.plans import AQUAFISH
-from aquafish_gym.scenario import Scenario
 from eea import FitConfig
-from eea.fish.joint import fish_robot
-from eea.fish.simulator import EngineSimulator
 from eea.fish.simulator_error import (
     Assumed,
     Calibration,
@@ -32,6 +28,7 @@ from eea.infer.robot import Robot
 from eea.infer.statement import Hypothesis, Number
 from eea.infer.trials import Noise, Observed, spectrum
 from eea.infer.unknowns import Unknowns
+from tests.golden import fit_of_fins
 
 TIME = 0.01 * np.arange(1, 129)
 WAVE = np.sin(7.0 * TIME)
@@ -446,16 +443,7 @@ def test_rough_fins_rub_like_thicker_ones_that_weigh_the_same():
 
 @pytest.mark.parametrize("density", [1.5, 1.0])
 def test_dense_fins_are_found_out(density):
-    body = Morphology.nominal().to_array()
-    rng = np.random.default_rng(3)
-    commands = np.array([[0.5, -0.4, 1.0], [-0.4, 0.5, 0.8], [0.5, 0.4, 1.0]])
-    angles = rng.uniform(-np.pi, np.pi, (3, 3))
-    scenario = Scenario.create(body, fin_angles=angles, fin_density=np.full(3, density))
-    log = simulate_scenario(scenario, commands, 256, "numba", "float64", record="gyro").gyro
-    signal = log + rng.normal(0.0, 0.03, log.shape)
-    robot = fish_robot(EngineSimulator(256, threads=1))
-    effort = FitConfig(alternatives="never", restarts=0)
-    belief = fit(Observed(commands, signal), robot, effort, rng)
+    belief = fit_of_fins(density)
     assert belief.good
     said = " ".join(belief.findings)
     assert ("the intervals allow for another value" in said) == (density != 1.0)
