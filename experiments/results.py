@@ -585,7 +585,8 @@ def provenance() -> str:
             minutes = "not measured" if spent is None else f"{spent:.3g}"
             made = [record.commit, record.date, minutes]
             commands = record.commands
-        again = f"to be made again: {reason}" if reason else result.kept or "unchanged"
+        where = f" on {GPU}" if GPU in result.needs else ""
+        again = f"to be made again{where}: {reason}" if reason else result.kept or "unchanged"
         first = next(iter(result.files)).removeprefix("docs/")
         link = f"[{name}]({first})" if result.files else name
         rows.append([link, "<br>".join(f"`{one}`" for one in commands), *made, again])

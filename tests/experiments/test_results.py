@@ -374,6 +374,17 @@ def test_what_it_needs_and_is_not_here_is_said(
     )
 
 
+@pytest.mark.usefixtures("clone")
+def test_the_table_says_that_a_result_waits_for_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    needy = replace(TINY, needs=(results.GPU,))
+    monkeypatch.setattr(results, "RESULTS", {"needy": needy})
+    assert (
+        results.provenance()
+        .splitlines()[-1]
+        .endswith("| to be made again on an NVIDIA GPU: not made yet |")
+    )
+
+
 #: A data set of Minari holds its time, and speeds are times.
 WITHOUT_SAME_BYTES = re.compile("minari|performance-")
 
