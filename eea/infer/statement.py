@@ -454,7 +454,7 @@ class RobotModel:
         mapping("channels", self.channels, str)
         if not self.channels:
             raise ConfigurationError("channels must be one or more; got none")
-        _check_kinds(self.channels)
+        check_kinds(self.channels)
         mapping("numbers", self.numbers, Number)
         if not self.numbers:
             raise ConfigurationError("numbers must be one or more, by name; got none")
@@ -625,16 +625,12 @@ class RobotModel:
     @cached_property
     def turns(self) -> Floats:
         """A whole turn of each channel (C,), infinite for one that does not wrap."""
-        wraps = [unit.partition(",")[2] for unit in self.channels.values()]
-        units = self.channel_units.values()
-        return np.array([TURNS[u] if w else math.inf for u, w in zip(units, wraps, strict=True)])
+        return np.array([turn_of(unit) for unit in self.channels.values()])
 
     @cached_property
     def quaternions(self) -> list[slice]:
         """The groups of four channels that are quaternions."""
-        units = list(self.channel_units.values())
-        places = [i for i, unit in enumerate(units) if unit == QUATERNION]
-        return [slice(i, i + 4) for i in places[::4]]
+        return quaternions_of(self.channels)
 
     @property
     def unit(self) -> str:
@@ -665,7 +661,19 @@ class RobotModel:
             return False
 
 
-def _check_kinds(channels: Mapping[str, str]) -> None:
+def turn_of(unit: str) -> float:
+    """Return a whole turn of a channel that wraps, in its unit; infinite for another channel."""
+    plain, _, kind = unit.partition(",")
+    return TURNS[plain.strip()] if kind else math.inf
+
+
+def quaternions_of(channels: Mapping[str, str]) -> list[slice]:
+    """Return the places of the channels that are quaternions, four of each."""
+    places = [i for i, unit in enumerate(channels.values()) if unit.strip() == QUATERNION]
+    return [slice(i, i + 4) for i in places[::4]]
+
+
+def check_kinds(channels: Mapping[str, str]) -> None:
     """Raise a ConfigurationError for a channel of an unknown kind."""
     for name, stated in channels.items():
         unit, comma, kind = (part.strip() for part in stated.partition(","))
@@ -675,7 +683,7 @@ def _check_kinds(channels: Mapping[str, str]) -> None:
             raise ConfigurationError(
                 f"the unit of {name} must be a plain one, or one of {known}; got {stated!r}"
             )
-    four = [unit == QUATERNION for unit in channels.values()]
+    four = [unit.strip() == QUATERNION for unit in channels.values()]
     run = 0
     for one in (*four, False):
         if not one and run % 4:

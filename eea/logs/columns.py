@@ -75,6 +75,11 @@ class Term(NamedTuple):
     factor: float
     offset: float
 
+    @property
+    def converts(self) -> bool:
+        """Whether its numbers are others than the column's but for their sign."""
+        return abs(self.factor) != 1.0 or self.offset != 0.0
+
     def values(self, advice: str = "") -> Floats:
         """Return the numbers (T,); an error names a cell that is none, or a column of NaN."""
         cells = self.stream.numbers(self.column, advice)
@@ -147,13 +152,18 @@ def found_term(recording: Recording, quantity: str, text: str, mapped: bool) -> 
 
 
 def unit_size(name: str, quantity: Quantity, unit: str | None, terms: list[Term]) -> float:
-    """Return the size of the columns' unit, which the map or the file states."""
+    """Return the size of the columns' unit, which the map or the file states.
+
+    Columns with a factor or an offset are in the map's unit after it, or in the quantity's first
+    if no column of the file is in another.
+    """
     if unit is not None:
         one_of(f"the unit of {name}", unit, quantity.units or ["none"])
+    elif any(term.converts for term in terms):
+        _refuse_two_readings(name, quantity, terms)
     for term in terms:
         stated = term.stream.units.get(term.column) or unit
-        converts = abs(term.factor) != 1.0 or term.offset != 0.0
-        if converts or stated is None or not quantity.units:
+        if term.converts or stated is None or not quantity.units:
             continue
         column = term.stream.full_name(term.column)
         if stated not in quantity.units:
@@ -167,6 +177,18 @@ def unit_size(name: str, quantity: Quantity, unit: str | None, terms: list[Term]
             )
         unit = stated
     return quantity.units[unit] if unit else 1.0
+
+
+def _refuse_two_readings(name: str, quantity: Quantity, terms: list[Term]) -> None:
+    """Refuse factors and offsets that may be meant before or after the file's unit is converted."""
+    for term in terms:
+        stated = term.stream.units.get(term.column)
+        if quantity.units.get(stated or "", 1.0) != 1.0:
+            raise InvalidArgumentError(
+                f"{name} must say in which unit its columns are after a factor or an offset, as in "
+                f"{name}:{stated}=, since the file states {term.stream.full_name(term.column)} in "
+                f"{stated}"
+            )
 
 
 class Gyroscope(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from aquafish_gym.utils.validation import (
 )
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, real, real_or_infinite
+from eea.infer.statement import check_kinds, quaternions_of, turn_of
 from eea.infer.trials import Trial
 from eea.logs.alignment import (
     SILENT_STEPS,
@@ -179,6 +181,8 @@ def read_trials(
             series = {name: one._replace(time=one.time - begin) for name, one in series.items()}
             for name, one in series.items():
                 _refuse_infinite(name, one)
+            for four in quaternions_of(channels):
+                series |= _continuous(series, list(channels)[four])
             for name in channels:
                 series[name] = _new_readings(name, series[name], remarks)
             first = series[next(iter(channels))]
@@ -224,6 +228,7 @@ def _quantities(channels: Mapping[str, str], columns: Mapping[str, str]) -> dict
             "channels must be the units of the channels by name, as robot.channels is; got "
             f"{brief(channels)}"
         )
+    check_kinds(channels)
     names = [_name(key) for key in columns]
     for key, text in columns.items():
         if not isinstance(text, str):
@@ -386,7 +391,7 @@ def _trial(
         )
     grid = time[0] + step * np.arange(count + 1)
     signal = np.column_stack([
-        _samples(series[name], grid[0], step, count + 1, _turn(unit))
+        _samples(series[name], grid[0], step, count + 1, turn_of(unit))
         for name, unit in channels.items()
     ])  # fmt: skip
     if inputs:
@@ -410,6 +415,29 @@ def _trial(
             words = "is held from each row to the next, and averaged over the step before a sample"
         remarks.append(f"{name} ({one.label}, {one.rate}) {words}")
     return Trial(signal, np.column_stack(held) if held else None, tuple(remarks))
+
+
+def _continuous(series: Mapping[str, Series], names: Sequence[str]) -> dict[str, Series]:
+    """Return the four channels of a quaternion at the rows that have all, without changes of sign.
+
+    A recorder may give q at one row and -q, the same attitude, at the next.
+    """
+    four = [series[name] for name in names]
+    if any(one.stream is not four[0].stream for one in four):
+        raise InvalidArgumentError(
+            f"{', '.join(names)} must be columns of one stream, as they are a quaternion"
+        )
+    rows = functools.reduce(np.intersect1d, [one.rows for one in four])
+    if not len(rows):
+        raise InvalidArgumentError(f"{', '.join(names)} must have a row with all of them")
+    kept = [np.isin(one.rows, rows) for one in four]
+    values = np.column_stack([one.values[own, 0] for one, own in zip(four, kept, strict=True)])
+    opposite = (values[1:] * values[:-1]).sum(axis=1) < 0.0
+    values[1:][np.cumsum(opposite) % 2 == 1] *= -1.0
+    return {
+        name: one._replace(rows=rows, time=one.time[own], values=column[:, None])
+        for name, one, own, column in zip(names, four, kept, values.T, strict=True)
+    }
 
 
 def _known(one: Series, span: tuple[float, float], options: _Options) -> tuple[float, float]:
@@ -449,24 +477,21 @@ def _even_step(label: str, time: Floats) -> float:
     )
 
 
-def _samples(one: Series, begin: float, step: float, count: int, turn: float | None) -> Floats:
-    """Return the means (count,) of the readings within half a step of each sample."""
+def _samples(one: Series, begin: float, step: float, count: int, turn: float) -> Floats:
+    """Return the means (count,) of the readings within half a step of each sample.
+
+    Readings that are a ``turn`` apart are the same.
+    """
     place = np.rint((one.time - begin) / step)
     inside = (place >= 0) & (place < count)
     place = place[inside].astype(np.intp)
     values = one.values[inside, 0]
     readings = np.bincount(place, minlength=count)
     reference = np.zeros(count)
-    if turn is not None:  # the mean of angles is near one of them
+    if np.isfinite(turn):  # the mean of angles is near one of them
         reference[place] = values
         apart = values - reference[place]
         values = reference[place] + apart - turn * np.rint(apart / turn)
     sums = np.bincount(place, values, count)
     means: Floats = np.divide(sums, readings, out=np.full(count, np.nan), where=readings > 0)
     return means
-
-
-def _turn(unit: str) -> float | None:
-    """Return the turn after which a channel's values repeat; None if they do not."""
-    own, _, kind = unit.partition(",")
-    return {"rad": 2.0 * np.pi, "deg": 360.0}.get(own.strip()) if "wrap" in kind else None

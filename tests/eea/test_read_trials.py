@@ -7,6 +7,7 @@ import pytest
 
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import read_trials
+from eea.core.checks import ConfigurationError
 from log_files import PULSES, RATES, TIME, write_bin, write_mcap
 
 pytestmark = pytest.mark.usefixtures("read_here")
@@ -183,12 +184,63 @@ def test_units_are_those_of_the_channels(tmp_path):
         read_trials(path, {"rate": "rad/s"}, **{"rate:deg": "y"})
 
 
-def test_angles_that_wrap_are_averaged_near_one_of_them(tmp_path):
+@pytest.mark.parametrize(("column", "text"), [("x", "2*x"), ("x", "x+1"), ("x", "-1.01*x")])
+def test_a_factor_on_a_column_in_another_unit_must_say_which_it_leaves(tmp_path, column, text):
+    stated = f"{column} [deg/s]"
+    path = csv(tmp_path, **{"time": TIME, stated: np.full(120, 90.0)})
+    text = text.replace(column, stated)
+    said = r"rate must say in which unit .* as in rate:deg/s=, since the file states x .* in deg/s"
+    with pytest.raises(InvalidArgumentError, match=said):
+        read_trials(path, {"rate": "rad/s"}, rate=text)
+    (in_degrees,) = read_trials(path, {"rate": "rad/s"}, **{"rate:deg/s": text})
+    (in_radians,) = read_trials(path, {"rate": "rad/s"}, **{"rate:rad/s": text})
+    np.testing.assert_allclose(in_degrees.signal, np.deg2rad(in_radians.signal))
+    (as_stated,) = read_trials(path, {"rate": "deg/s"}, rate=text)
+    np.testing.assert_allclose(as_stated.signal, in_radians.signal)
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2.0 * np.pi), ("rev", 1.0)])
+def test_angles_that_wrap_are_averaged_near_one_of_them(tmp_path, unit, turn):
     time = 0.005 * np.arange(9)
-    heading = np.where(np.arange(9) % 2, 179.0, -179.0)
+    heading = np.where(np.arange(9) % 2, 179.0, -179.0) * turn / 360.0
     path = csv(tmp_path, time=time, x=heading)
-    (trial,) = read_trials(path, {"heading": "deg, wraps"}, step=0.01, heading="x")
-    assert (np.abs(np.abs(trial.signal) - 180.0) <= 1.0).all()
+    (trial,) = read_trials(path, {"heading": f"{unit}, wraps"}, step=0.01, heading="x")
+    assert (np.abs(np.abs(trial.signal) / turn - 0.5) <= 1.0 / 360.0).all()
+
+
+def test_an_attitude_is_averaged_whichever_sign_it_is_given_in(tmp_path):
+    half = 0.5 * np.linspace(0.0, 3.0, 121)
+    attitude = np.stack([np.cos(half), 0.6 * np.sin(half), np.zeros(121), 0.8 * np.sin(half)])
+    names = ("w", "x", "y", "z")
+    channels = dict.fromkeys(names, "quaternion")
+    signs = np.random.default_rng(5).choice([-1.0, 1.0], 121)
+    found = []
+    for rows in (attitude, signs * attitude):
+        columns = dict(zip(names, rows, strict=True))
+        path = csv(tmp_path, time=0.01 * np.arange(121), **columns)
+        found += read_trials(path, channels, step=0.04, w="w", x="x", y="y", z="z")
+    plain, other = found
+    np.testing.assert_allclose(other.signal, signs[0] * plain.signal, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(plain.signal, axis=1), 1.0, atol=1e-3)
+
+
+def test_a_reading_of_an_attitude_has_all_four(tmp_path):
+    columns = {name: np.full(120, 0.5) for name in "wxyz"}
+    columns["y"][3] = np.nan
+    channels = dict.fromkeys("wxyz", "quaternion")
+    (trial,) = read_trials(csv(tmp_path, time=TIME, **columns), channels, **{n: n for n in "wxyz"})
+    assert np.isnan(trial.signal[3]).all()
+    assert np.isnan(trial.signal).sum() == 4
+    columns["z"] = np.full(120, np.nan)
+    columns["z"][3] = 0.5
+    with pytest.raises(InvalidArgumentError, match="w, x, y, z must have a row with all of them"):
+        read_trials(csv(tmp_path, time=TIME, **columns), channels, **{n: n for n in "wxyz"})
+
+
+def test_a_kind_of_channel_that_does_not_exist_is_refused(tmp_path):
+    path = csv(tmp_path, time=TIME, x=np.zeros(120))
+    with pytest.raises(ConfigurationError, match="the unit of heading must be a plain one, or"):
+        read_trials(path, {"heading": "deg, wrapped"}, heading="x")
 
 
 def test_a_unit_of_time_that_is_not_clear_is_asked_for(tmp_path):
