@@ -73,6 +73,8 @@ class Answer:
     caveats: tuple[str, ...] = ()  #: Sentences on what was assumed, the last findings.
     #: What ended the search before its time, such as a budget; empty where it was completed.
     ended: str = ""
+    #: What was learned from known-good logs, if anything: by it the trials were inferred.
+    learned: Known | None = field(default=None, repr=False)
 
     @property
     def robot(self) -> RobotModel:

@@ -19,6 +19,7 @@ from eea.core.checks import (
     TargetError,
     all_of,
     brief,
+    choice,
     finite,
     flag,
     real,
@@ -28,6 +29,7 @@ from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
 from eea.infer.answer import Answer
 from eea.infer.branch import Branch
 from eea.infer.goodness import Goodness
+from eea.infer.known import Known
 from eea.infer.mixture import Mode
 from eea.infer.robot import Robot
 from eea.infer.statement import Hypothesis, Number, Part, Prior
@@ -158,6 +160,12 @@ def to_arrays(posterior: Answer) -> dict[str, NDArray[Any]]:
         header["plan"] = robot.plan
     if posterior.caveats:
         header["caveats"] = posterior.caveats
+    if (learned := posterior.learned) is not None:
+        header["learned"] = {
+            "misfits": np.asarray(learned.misfits).tolist(),
+            "findings": learned.findings,
+            "spread": learned.spread and _listed(vars(learned.spread)),
+        }
     return {
         "header": np.frombuffer(json.dumps(header).encode(), np.uint8),
         "theta": theta.ravel(),
@@ -252,11 +260,26 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Answ
         header["samples"],
         noise=noise,
         caveats=caveats,
+        learned=_learned(header.get("learned"), robot),
     )
     check_posterior(belief)
     if first != len(cost):
         raise ConfigurationError(f"its modes must be {first}; there are {len(cost)}")
     return belief
+
+
+def _learned(stated: Mapping[str, Any] | None, robot: Robot) -> Known | None:
+    """Return what was learned from known-good logs, if anything."""
+    if stated is None:
+        return None
+    misfits = finite("its misfits", stated["misfits"], (None,))
+    if len(misfits) < 2 or misfits.min() <= 0.0:
+        raise ConfigurationError("its misfits must be positive, of two known-good logs or more")
+    spread = Prior(**stated["spread"])
+    for name in spread.names:
+        choice("its spread", name, robot.table)
+    findings = all_of("its findings", stated["findings"], str)
+    return Known(robot, None, misfits=misfits, findings=tuple(findings), spread=spread)
 
 
 def _listed(arrays: Mapping[str, Any]) -> dict[str, Any]:

@@ -322,6 +322,9 @@ class Known:
     misfits: Floats | None = None
     findings: tuple[str, ...] = ()  #: Sentences on what later answers depend on, their last ones.
     groups: frozenset[str] | None = None  #: The groups of numbers that are inferred; None for all.
+    #: How much a log's numbers differ from those of all known-good logs; None if not learned. Its
+    #: mean does not count.
+    spread: Prior | None = None
 
     @classmethod
     def of(
@@ -329,17 +332,31 @@ class Known:
     ) -> Known:
         """Return what an answer's most probable hypothesis tells; see :meth:`Answer.known`.
 
-        ``gone`` are numbers of the trials that later logs do not have, such as a current.
+        What was learned from known-good logs holds on: the later logs are judged by these, and
+        their numbers differ from those of the answer's log, as these do. ``gone`` are numbers of
+        the trials that later logs do not have, such as a current.
         """
         best = answer.branches[0]
         robot = answer.robot if robot is None else robot
         inferred = [one for name, one in robot.table.items() if best.parameters.has(name)]
-        return cls(
+        known = cls(
             best.known(robot, gone),
             answer.noise,
             answer.sigma,
             answer.samples,
             groups=frozenset(number.group for number in inferred if number.group),
+        )
+        learned = answer.learned
+        if learned is None or learned.spread is None:
+            return known
+        assert known.robot.prior is not None
+        spread = learned.spread.of(learned.robot, known.robot)
+        return replace(
+            known,
+            robot=replace(known.robot, prior=_of_another_log(known.robot.prior, spread)),
+            misfits=learned.misfits,
+            findings=learned.findings,
+            spread=spread,
         )
 
     def infer(
@@ -357,8 +374,8 @@ class Known:
         """
         seed = _whole_seed(seed)
         config = recorded_config(config)
-        if config.nuisances is None and self.groups is not None:
-            config = replace(config, nuisances=tuple(sorted(self.groups)))
+        if config.nuisances is None:
+            config = replace(config, nuisances=self._nuisances)
         if isinstance(trials, Observed):
             check_enough(self.robot, trials, config, known_noise=True)
             found = fit(
@@ -382,7 +399,8 @@ class Known:
                 samples=self.samples,
             )
         caveats = (*found.caveats, *self.findings)
-        return replace(found, samples=self.samples, caveats=caveats)
+        learned = None if self.spread is None else self
+        return replace(found, samples=self.samples, caveats=caveats, learned=learned)
 
     @own_errors
     def test(
@@ -409,7 +427,8 @@ class Known:
             instance("log", log, Trial)
             assert isinstance(log, Trial)
             noise = self.channel_noise
-            fitted = infer(whole, [log], _whole_seed(seed), LEARNING_CONFIG, noise, self.misfits)
+            config = replace(LEARNING_CONFIG, nuisances=self._nuisances)
+            fitted = infer(whole, [log], _whole_seed(seed), config, noise, self.misfits)
             p = fitted.goodness.p
             usual = float(np.exp(np.log(self.misfits).mean()))
             return Verdict(p, p >= alarm, _misfit(fitted.best_fit) / usual)
@@ -425,7 +444,14 @@ class Known:
         seed: int = 0,
     ) -> Follower:
         """Return what follows the numbers from here through a log; see :class:`Follower`."""
-        return Follower(self.robot, self.channel_noise, alarm, drift, seed, self.samples)
+        return Follower(
+            self.robot, self.channel_noise, alarm, drift, seed, self.samples, self.groups
+        )
+
+    @property
+    def _nuisances(self) -> tuple[str, ...] | None:
+        """The groups as a configuration names them."""
+        return None if self.groups is None else tuple(sorted(self.groups))
 
     @property
     def channel_noise(self) -> Noise:
@@ -434,6 +460,16 @@ class Known:
             return Noise(self.sigma * self.noise.sd, self.noise.correlation)
         channels = len(self.robot.channels)
         return Noise(np.full(channels, self.sigma), np.zeros(channels))
+
+
+def _of_another_log(known: Prior, spread: Prior) -> Prior:
+    """Return what the numbers known of a log tell of another, which differs by two logs' spread."""
+    covariance = known.covariance.copy()
+    names = [name for name in known.names if name in spread.names]
+    into = [known.names.index(name) for name in names]
+    of = [spread.names.index(name) for name in names]
+    covariance[np.ix_(into, into)] += 2.0 * spread.covariance[np.ix_(of, of)]
+    return replace(known, covariance=covariance)
 
 
 def _whole_seed(seed: int | np.random.Generator) -> int:
@@ -525,7 +561,14 @@ def learn(
     said += contradicted(whole, contradictions(whole, [one.optima for one in fits], groups))
     said += only_rounding(noise, observed, robot)
     said += of_shared(observed.shared)
-    return Known(replace(robot, prior=later), noise, misfits=misfits, findings=tuple(said))
+    return Known(
+        replace(robot, prior=later),
+        noise,
+        misfits=misfits,
+        findings=tuple(said),
+        groups=None if config.nuisances is None else frozenset(config.nuisances),
+        spread=later,
+    )
 
 
 def _of_each_alone(
@@ -691,6 +734,8 @@ class Follower:
         Of random starting points.
     samples
         The number of samples behind the noise, where it is an estimate.
+    groups
+        The groups of numbers that are followed; None for all.
 
     Raises
     ------
@@ -727,6 +772,7 @@ class Follower:
         drift: Mapping[str, float] | None = None,
         seed: int = 0,
         samples: int = 0,
+        groups: Collection[str] | None = None,
     ) -> None:
         instance("robot", robot, RobotModel)
         check_alarm(alarm)
@@ -747,7 +793,11 @@ class Follower:
         self._known: Prior | None = None
         self._doubted = False  # whether the window before raised an alarm
         self._roughness: Roughness | None = None  # of the simulator
-        plain = Unknowns.of(replace(robot, hypotheses=()), 1, robot.groups)
+        self._config = FitConfig(nuisances=None if groups is None else tuple(sorted(groups)))
+        self._groups = robot.groups if groups is None else tuple(sorted(groups))
+        for name in self._groups:
+            choice("groups", name, robot.groups)
+        plain = Unknowns.of(replace(robot, hypotheses=()), 1, self._groups)
         self._names = [plain.names[i] for i in plain.common_entries()]
         drift = {} if drift is None else drift
         mapping("drift", drift, numbers.Real)
@@ -786,7 +836,9 @@ class Follower:
         known = self._known
         known = replace(known, covariance=known.covariance + self._wander)
         robot = replace(self._robot, prior=known)
-        regression = window_of(robot, window, self._noise, roughness=self._roughness)
+        regression = window_of(
+            robot, window, self._noise, groups=self._groups, roughness=self._roughness
+        )
         parameters = regression.parameters
         if self._robot.angles:
             best = fit_near_prior(regression, 1.0, ANGLE_STARTS, self._rng)
@@ -807,7 +859,8 @@ class Follower:
             said = (ALARM_FINDING, *rounding)
             return Followed(self.table(), innovation, p, True, said, explained=False)
         changed = replace(self._robot, prior=known)
-        found = infer(changed, [window], self._seed, NAMING_CONFIG, self._noise)
+        config = replace(NAMING_CONFIG, nuisances=self._config.nuisances)
+        found = infer(changed, [window], self._seed, config, self._noise)
         if found.good:
             self._doubted = False
             optima: Optima = found.best_fit
@@ -839,7 +892,7 @@ class Follower:
 
     def _ignorance(self) -> Prior:
         """Return what is known before the first window: the prior, or ranges and numbers' own."""
-        plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._robot.groups)
+        plain = Unknowns.of(replace(self._robot, hypotheses=()), 1, self._groups)
         entries = self._entries(plain)
         precision = plain.proper_prior[np.ix_(entries, entries)]
         covariance = np.asarray(np.linalg.inv(precision), np.float64)
@@ -852,7 +905,7 @@ class Follower:
         is the first.
         """
         plain = replace(self._robot, hypotheses=())
-        found = infer(plain, [window], self._seed, noise=self._noise)
+        found = infer(plain, [window], self._seed, self._config, self._noise)
         p = found.goodness.p
         alarm = p < self._alarm
         assert found.warm_start is not None

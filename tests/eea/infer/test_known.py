@@ -587,3 +587,66 @@ def test_known_good_logs_beyond_a_range_are_said_to_be(gain):
     said = robot.learn(logs, config=EFFORT).findings
     at_end = "gain is at the end of its range, 1, and may be beyond it"
     assert said == ((at_end,) if gain > 1.0 else ())
+
+
+def line(values, inputs):
+    return (values["gain"][:, None] * inputs[:, :, 0] + values["bias"][:, None])[:, :, None]
+
+
+LINE = Robot(
+    line,
+    {"gain": Number(0.0, 10.0), "bias": Number(0.0, sd=0.5)},
+    {"y": "m"},
+    [
+        Hypothesis("it is weak", moves={"gain": Number(mean=0.0, sd=2.0, high=0.0)}, odds=0.1),
+        Hypothesis("it is shifted", moves={"bias": Number(mean=0.0, sd=2.0)}, odds=0.1),
+    ],
+)
+
+
+def of_line(rng, gain, bias=0.0):
+    """Return a log of the line with a gain, which differs by 0.1 from log to log."""
+    inputs = rng.uniform(0.0, 1.0, (20, 1)).repeat(10, axis=0)
+    signal = rng.normal(gain, 0.1) * inputs + bias + rng.normal(0.0, 0.03, (200, 1))
+    return Trial(signal, inputs)
+
+
+@pytest.mark.parametrize("gain", [5.0, 4.0])
+def test_what_was_learned_holds_on_after_an_answer(gain):
+    """Logs after it vary as the known-good ones did, and are judged by these; so after a file."""
+    rng = np.random.default_rng(7)
+    learned = LINE.learn([of_line(rng, 5.0) for _ in range(8)])
+    answer = learned.infer([of_line(rng, gain)])
+    known = answer.known()
+    np.testing.assert_array_equal(known.misfits, learned.misfits)
+    assert known.findings == learned.findings
+    assert all(known.test(of_line(rng, gain)).same for _ in range(10))
+    same = known.infer([of_line(rng, gain)])
+    assert same.findings[0].startswith("nothing is broken")
+    again = same.known()
+    widths = [one.robot.prior.covariance[0, 0] for one in (learned, known, again)]
+    assert 1.5 < widths[1] / widths[0] < 3.5
+    assert widths[2] == pytest.approx(widths[1], rel=0.5)
+    assert not known.test(of_line(rng, gain - 1.5)).same
+    assert known.infer([of_line(rng, gain - 1.5)]).findings[0].startswith("it is weak")
+    read = from_arrays(to_arrays(answer)).known(LINE)
+    np.testing.assert_allclose(read.robot.prior.covariance, known.robot.prior.covariance)
+    log = of_line(rng, gain)
+    assert read.test(log) == known.test(log)
+
+
+def test_groups_that_were_not_learned_are_not_told_by_a_later_log():
+    rng = np.random.default_rng(8)
+    shifted = of_line(rng, 5.0, bias=0.8)
+    alone = replace(EFFORT, nuisances=())
+    learned = LINE.learn([of_line(rng, 5.0) for _ in range(6)], config=alone)
+    assert learned.groups == frozenset()
+    assert learned.test(of_line(rng, 5.0)).same
+    assert not learned.test(shifted).same
+    plain = replace(LINE, hypotheses=())
+    good = Trial(5.0 * shifted.inputs + rng.normal(0.0, 0.03, (200, 1)), shifted.inputs)
+    known = plain.infer([good], config=alone).known()
+    assert not known.test(shifted).same
+    follower = known.follow()
+    assert follower.update(shifted).alarm
+    assert list(follower.table()) == ["gain"]
