@@ -31,7 +31,8 @@ from eea.fish.rows import (
     wide,
 )
 from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, new_readings, restamped, shown
-from eea.infer.trials import Observed
+from eea.infer.trials import Observed, twice
+from eea.infer.words import SHARE_SAMPLES
 
 #: Samples of the commands before a window that its servos may still obey, for a lag of 0.2 s.
 LAG_SAMPLES = 20
@@ -191,13 +192,14 @@ def log_windows(
     Raises
     ------
     InvalidArgumentError
-        If an argument has the wrong type, a trial is too short, no servo or reading ever changes,
-        or the times of the rows are uncertain.
+        If an argument has the wrong type, a trial is too short or there twice, no servo or reading
+        ever changes, or the times of the rows are uncertain.
     """
     instance("log", log, SwimLog)
     flag("moving", moving)
     lead = LAG_SAMPLES if moving else 0
     log, remarks = restamped(log)
+    remarks += _given_twice(log)
     windows: list[tuple[int, GyroReadings]] = []
     for index in range(len(log)):
         new = new_readings(log, index)
@@ -276,6 +278,21 @@ def log_windows(
         plan=log.plan,
         changes=changes,
     )
+
+
+def _given_twice(log: SwimLog) -> list[str]:
+    """Return a sentence on two trials that share samples, if there are such; refuse equal ones."""
+    shared = twice([log.gyro[rows] for rows in log.blocks])
+    if shared is None:
+        return []
+    one, two = (log.blocks[number - 1] for number in shared)
+    first, second = (log.name(number - 1) for number in shared)
+    if all(np.array_equal(given[one], given[two]) for given in (log.gyro, log.commands)):
+        raise InvalidArgumentError(
+            f"trials must be recordings of their own, each there once; {first} and {second} are "
+            "the same"
+        )
+    return [f"{first} and {second} {SHARE_SAMPLES}"]
 
 
 def _before(log: SwimLog, trial: int, within: float) -> float:

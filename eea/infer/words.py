@@ -527,15 +527,15 @@ def _several(posterior: Mixture, sizes: Sequence[_Size]) -> list[str]:
 ALARM_FINDING = "something has changed; the next window tells what"
 
 
+SHARE_SAMPLES = "have samples in common, which count twice: the intervals are too narrow"
+
+
 def of_shared(trials: tuple[int, int] | None) -> list[str]:
     """Return a sentence on two trials that have samples in common, if there are such."""
     if trials is None:
         return []
     one, two = trials
-    return [
-        f"trials {one} and {two} have samples in common, which count twice: the intervals are too "
-        "narrow"
-    ]
+    return [f"trials {one} and {two} {SHARE_SAMPLES}"]
 
 
 REPEATED_FINDING = "the window repeats samples of the one before: they count twice"

@@ -220,6 +220,27 @@ def test_a_record_in_mid_swim_is_cut_into_windows():
         log_windows(recorded(steps=30), moving=True)
 
 
+def test_a_trial_that_is_there_twice_is_refused_and_a_part_of_another_said():
+    log = recorded()
+    rows = log.blocks[0]
+    time, gyro, commands = log.time[rows], log.gyro[rows], log.commands[rows]
+    ones = np.ones(len(time), np.intp)
+
+    def after(kept, commands_of):
+        return SwimLog(
+            np.concatenate([time, time[kept]]),
+            np.concatenate([gyro, gyro[kept]]),
+            np.concatenate([commands, commands_of[kept]]),
+            np.concatenate([ones, 7 * ones[kept]]),
+        )
+
+    with pytest.raises(InvalidArgumentError, match="each there once; trial 1 and trial 7 are the"):
+        log_windows(after(slice(None), commands))
+    said = "trial 1 and trial 7 have samples in common, which count twice"
+    assert any(one.startswith(said) for one in log_windows(after(slice(30), commands)).remarks)
+    assert any(one.startswith(said) for one in log_windows(after(slice(None), -commands)).remarks)
+
+
 def test_a_simulation_is_interpolated_between_samples():
     ends = TIMESTEP * np.arange(1, 101)
     swung = np.sin(2 * np.pi * 2.0 * ends + 0.4)
