@@ -108,7 +108,7 @@ class Evolve(Given):
             )
         network = evolved.controller
         print(
-            f"swims {_result_text(evolved, self.config)} ({network.nodes} nodes, "
+            f"{_result_text(evolved, self.config)} ({network.nodes} nodes, "
             f"{network.connections} connections); {CONTROLLER_FILE} and {HISTORY_FILE} are in "
             f"{printable(str(self.out))}"
         )
@@ -275,9 +275,11 @@ def _bodies(file: Path | None, damage: Damage, plan: PlanLike) -> list[Morpholog
 
 
 def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
-    """Return how far an evolved controller swims, in words."""
+    """Return how far an evolved controller swims, or what it earns in a task, in words."""
     what = f"the zero pose and {FINAL_POSES} random ones" if config.poses else "the zero pose"
     if len(evolved.distances) > 1:
         worst, half = np.quantile(evolved.distances, (0.0, 0.5))
         what = f"{len(evolved.distances)} bodies: {worst:.2f} on the worst, median {half:.2f}"
-    return f"{evolved.fitness:z.2f} units in {config.seconds:g} s on the mean over {what}"
+    swims = f"swims {evolved.fitness:z.2f} units"
+    result = swims if config.is_forward else f"earns {evolved.fitness:z.2f}"
+    return f"{result} in {config.episode_seconds:g} s on the mean over {what}"

@@ -42,6 +42,7 @@ from gait.controllers.controller import INTERVAL, Controller
 from gait.swims.swim import SECONDS, Swim, sampling_steps, step_count
 
 NO_DAMAGE = Damage()
+SENSOR_FAULTS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
 
 
 @dataclass(frozen=True)
@@ -151,12 +152,15 @@ class Film(Given):
         damage = damage.sample(rng, parts_of(body.plan))
         whole = Scenario.create(body, reactive=self.reactive)
         robot = damage.edit(whole, controller.interval).draw_angles([rng])
+        interval = sampling_steps(controller)
+        if robot.is_late or robot.has(*SENSOR_FAULTS):  # which count the actions
+            interval = controller.interval
         (path,) = rollout(
             [controller.policy(robot.fin_angles[0])],
             robot,
             engine=check_engine(self.engine),
             seconds=step_count(self.seconds) * TIMESTEP,
-            interval=sampling_steps(controller),
+            interval=interval,
             rngs=[rng],
         ).paths
         words = label or ("undamaged" if not damage else str(damage))
@@ -189,7 +193,8 @@ def filmed(
         later = swim.time > (begin - 0.5) * TIMESTEP
         bodies[later] = now.body[0]
         sizes = (now.body[0] != body.to_array()).reshape(fins, 3).any(axis=1)
-        broken[later] = sizes | (now.servo_gain[0] != 1.0)
+        late = (now.servo_delay[0] != 0.0) | (now.servo_hold[0] != 0.0)
+        broken[later] = sizes | late | (now.servo_gain[0] != 1.0)
     return FilmedSwim(
         label,
         swim.time,

@@ -301,6 +301,7 @@ class AquaFishEnv(episode.FishEnvBase, gym.Env[Observation, NDArray[np.float32]]
         info["fin_angles"] = np.array(self._fin_angles)
         for name, value in self._truth.items():
             info[name] = value.copy() if type(value) is np.ndarray else value
+        episode.refuse_reserved(terms, info)
         info.update(terms)
         return info
 

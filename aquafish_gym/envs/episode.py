@@ -191,6 +191,15 @@ def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
     }
 
 
+def refuse_reserved(terms: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+    """Refuse terms of a reward that are called like what ``info`` says anyway."""
+    if clash := terms.keys() & info.keys():
+        raise InvalidArgumentError(
+            f"reward_terms must have other names than info has, such as reward_{min(clash)}; "
+            f"got {min(clash)}"
+        )
+
+
 class FishEnvBase:
     """The plan, the task, the steps and the observations of an environment, and its ``spec``."""
 

@@ -156,6 +156,7 @@ class OneRobot:
         self._engine = engine
         self._substeps = substeps
         self._next_change = NEVER
+        self._water: Vector | None = None  # of the task, which no scenario knows
 
     def start(self, scenario: Scenario) -> World:
         """Begin a scenario of one robot, and return its world."""
@@ -165,6 +166,7 @@ class OneRobot:
             self.world.start(scenario)
         self.robots.start(ONLY_ROBOT, scenario)
         self._next_change = int(self.robots.next_change[0])
+        self._water = None
         return self.world
 
     def change(self, step: int) -> bool:
@@ -174,6 +176,7 @@ class OneRobot:
         self.robots.change(ONLY_ROBOT)
         self._next_change = int(self.robots.next_change[0])
         self.world.update(self.robots.now)
+        self.flow(self._water)
         return True
 
     def flow(self, water: Vector | None) -> None:
@@ -181,6 +184,7 @@ class OneRobot:
         if water is not None and self.world is not None:
             x, y, z = map(float, water)
             self.world.set_current((x, y, z))
+            self._water = water
 
     def sense(
         self, truth: NDArray[Any], most: Floats, rngs: Sequence[np.random.Generator]

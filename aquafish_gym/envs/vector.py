@@ -148,6 +148,7 @@ class AquaFishVectorEnv(
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
         self._reckoned: Floats = np.zeros((fins, self.num_envs))
+        self._water: Floats = np.zeros((self.num_envs, 3))  # of the task, which no scenario knows
 
     def reset(
         self,
@@ -239,8 +240,9 @@ class AquaFishVectorEnv(
         if type(self.task).current is not Task.current:
             water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
-            x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
-            self._swimmers.set_current(np.stack([x, y, z], axis=1))
+            for axis, speed in enumerate(water):
+                self._water[:, axis] = speed
+            self._swimmers.set_current(self._water)
         if self.task is not self._known_task:
             self._known_task = self.task
             self._lane_task = lane_task(self.task)
@@ -298,6 +300,8 @@ class AquaFishVectorEnv(
             changed = np.flatnonzero(due & ~bad)
             self._robots.change(changed)
             self._swimmers.update(self._engine_robots(changed), changed)
+            if self._water.any():
+                self._swimmers.set_current(self._water)
 
     def _engine_robots(self, rows: Rows) -> Scenario:
         return self._robots.now.take(rows)
@@ -313,6 +317,7 @@ class AquaFishVectorEnv(
             self._memory = np.zeros((memories.shape[1], self.num_envs))
         self._memory[:, rows] = memories.T
         self._reckoned[:, rows] = start.fin_angles.T
+        self._water[rows] = 0.0
         self._swimmers.start(self._engine_robots(rows), rows)
 
     def _begin_again(self, over: Flags, before: Floats, seen: Observations) -> None:
@@ -371,13 +376,14 @@ class AquaFishVectorEnv(
         here = self._positions()
         velocity = (here - before) / self.dt
         moved = episode.motion_info(_vector(here), _vector(velocity))
-        return moved | {
+        info = moved | {
             "diverged": diverged.copy(),
             **({"is_success": succeeded.copy()} if self.task.has_success else {}),
             "fin_angles": np.ascontiguousarray(layout(self.plan).angles(self._swimmers.states).T),
             **self._robots.truth(),
-            **terms,
         }
+        episode.refuse_reserved(terms, info)
+        return info | terms
 
     def _first_info(self) -> Info:
         """Return ``info`` where no step was taken: the reward's terms are 0."""

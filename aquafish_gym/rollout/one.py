@@ -46,8 +46,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             fish.change(t)
             before = world.state()
             path[count] = _sample(before)
-            water = task.current(memory, t * TIMESTEP)
-            fish.flow(water)
+            fish.flow(task.current(memory, t * TIMESTEP))
             goal = task.goal(memory) if task.has_goal else None
             observation = fish.sense(_observe(before, goal), most, rngs)
             action = finite_array("action", act(observation, t * TIMESTEP), (fins,))
@@ -55,8 +54,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             command = servo_speeds(plan.scenario.plan, done)
             followed = servo_speeds(plan.scenario.plan, fish.robots.follow(done))
             for k in range(t, min(t + plan.interval, plan.steps)):
-                if fish.change(k):
-                    fish.flow(water)
+                fish.change(k)
                 world.advance(followed)
                 gyro[k] = world.state().spin
                 commands[k] = command

@@ -74,9 +74,22 @@ class NetworkAgent:
         rows = given[None] if given.ndim == 1 else given
         if rows.ndim != 2 or len(rows) != robots or rows.shape[1] < self._needed:
             raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
+        self._refuse_without_goal(rows.shape[1])
         time = self._intervals * (self.interval * TIMESTEP)
         actions = self._act(rows, time).astype(np.float32)
         return actions.reshape((*given.shape[:-1], actions.shape[1]))
+
+    def _refuse_without_goal(self, entries: int) -> None:
+        """Refuse observations of the IMU, and maybe of the fins, where the way to a goal is sensed.
+
+        The way is the last three of more entries than these.
+        """
+        without = len(CHANNELS), len(CHANNELS) + 2 * len(self.plan.fins)
+        if self._program.observes_goal and entries in without:
+            raise InvalidArgumentError(
+                "observations must end with the way to the goal, which the controller senses; got "
+                f"{entries} entries, those of a task without a goal"
+            )
 
     def _act(self, observations: Floats, time: float) -> Floats:
         """Return actions (B, F) in double precision for what is observed at a time, s."""
@@ -114,6 +127,7 @@ class NetworkAgent:
                 raise InvalidArgumentError(
                     f"observation must have shape {wanted}; got {given.shape}"
                 )
+            self._refuse_without_goal(len(given))
             if not last <= time < math.inf:
                 raise InvalidArgumentError(
                     "time must be finite and not go back in the swim of a policy; make another "

@@ -61,13 +61,14 @@ class Evolved:
     controller
         The best winner of all generations. For a sample, its ``morphology`` is the median body.
     fitness
-        Its mean distance over the run's fixed swims, in units of 5 cm. They begin in the zero pose
+        Its mean distance over the run's fixed swims, in units of 5 cm; in a task other than
+        "forward" its mean return times the seconds of an action. They begin in the zero pose
         and in 32 random ones; for a sample, poses are added until all bodies have equally many.
         With ``start``, each body swims once, from that state.
     history
         One row a generation.
     distances
-        (M,) mean distance on each body over the zero pose and the 32 random ones, in units. Without
+        (M,) the same on each body over the zero pose and the 32 random ones, in units. Without
         ``poses`` it is over the zero pose alone; with ``start`` it is from that state.
 
     Examples

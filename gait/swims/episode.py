@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 
 class Transition(NamedTuple):
@@ -37,6 +40,12 @@ def transitions(
     observation
         What the environment returned last.
 
+    Raises
+    ------
+    InvalidArgumentError
+        If a batch does not wait with a robot's next episode until the step after its last: the
+        state and ``info`` at its end would be missing.
+
     Examples
     --------
     >>> import gymnasium as gym
@@ -46,6 +55,12 @@ def transitions(
     >>> len(steps), steps[-1].truncated
     (100, True)
     """
+    if isinstance(env, VectorEnv):
+        mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        if mode is not AutoresetMode.NEXT_STEP:
+            raise InvalidArgumentError(
+                f'autoreset_mode of env must be "NextStep"; got {getattr(mode, "value", mode)!r}'
+            )
     over: Any = np.False_
     while not np.all(over):
         action = act(observation)

@@ -146,8 +146,7 @@ def _play(agent: object, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluatio
     """Play one episode of each robot to its end."""
     observations, info = envs.reset(seed=integer("seed", seed, 0, MAXIMUM_SEED))
     number = envs.num_envs
-    base: Any = envs.unwrapped
-    interval, dt, plan = (getattr(base, name, None) for name in ("frame_skip", "dt", "plan"))
+    interval, dt, plan = (_stated(envs, name) for name in ("frame_skip", "dt", "plan"))
     steers = make_agent(agent, interval, dt, plan=plan)
     steers.reset(info)
     returns = np.zeros(number)
@@ -162,6 +161,20 @@ def _play(agent: object, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluatio
         if succeeded is not None:
             succeeded |= step.info.get("is_success", np.False_) & ~step.was_over
     return Evaluation(returns, np.array(y_position), np.array(broken), succeeded)
+
+
+def _stated(envs: VectorEnv[Any, Any, Any], name: str) -> Any:
+    """Return an attribute of a batch, or of each robot of one of Gymnasium's; None if it has none.
+
+    Gymnasium's may be in worker processes.
+    """
+    base: Any = envs.unwrapped
+    if hasattr(base, name):
+        return getattr(base, name)
+    if hasattr(base, "get_attr") and all(base.call("has_wrapper_attr", name)):
+        first, *others = base.get_attr(name)
+        return first if all(one == first for one in others) else None
+    return None
 
 
 def success_rate(successes: int, episodes: int) -> Interval:

@@ -13,12 +13,14 @@ import pytest
 from fault_fakes import swim
 from gymnasium.vector import SyncVectorEnv
 
-from aquafish_gym import VectorFaultWrapper
+from aquafish_gym import Damage, VectorFaultWrapper
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import Step, SwimForward, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.rollout import rollout
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.comparing import assert_same
 
@@ -100,6 +102,63 @@ def test_a_task_may_return_numbers_for_all_robots() -> None:
     for _ in range(3):
         actions = np.zeros((3, 3), np.float32)
         assert (envs.step(actions)[1] == single.step(actions)[1]).all()
+
+
+@dataclass(frozen=True)
+class Once(Task):
+    """Sets the water in the first step alone, and rewards what it does."""
+
+    named: str = "reward_forward"
+
+    def current(self, memory: Any, seconds: Any) -> Any:  # noqa: ARG002
+        """See Task."""
+        return (0.0, 1.0, 0.0) if np.all(np.asarray(seconds) == 0.0) else None
+
+    def reward_terms(self, step: Step) -> Any:
+        """See Task."""
+        return {self.named: step.velocity[1]}
+
+
+@pytest.mark.parametrize("engine", ["numba", pytest.param("pybullet", marks=pytest.mark.pybullet)])
+def test_the_water_of_a_task_stays_as_it_is_when_something_breaks(engine: str) -> None:
+    still = np.array([0.0, 0.0, -1.0], np.float32)
+    far = {}
+    for damage in ("none", "gyro_x:bias=0.1@1.1", "left_pectoral:missing@1.1"):
+        options: dict[str, Any] = {
+            "task": Once(), "damage": damage, "engine": engine, "fin_angles": (0.0, 0.0, 0.0)
+        }  # fmt: skip
+        env = AquaFishEnv(**options)
+        env.reset(seed=0)
+        envs = AquaFishVectorEnv(
+            2, **options, **({"dtype": "float64"} if engine == "numba" else {})
+        )
+        envs.reset(seed=0)
+        for _ in range(20):
+            info = env.step(still)[4]
+            infos = envs.step(np.tile(still, (2, 1)))[4]
+        scenario = Scenario.create()
+        robot = Damage.parse(damage).edit(scenario, 20) if damage != "none" else scenario
+        rolled = rollout(
+            [lambda _observation, _time: still], robot, Once(), engine=engine, seconds=4.0,
+            interval=20, rngs=[np.random.default_rng(0)],
+        )  # fmt: skip
+        far[damage] = info["y_position"]
+        assert infos["y_position"].tolist() == pytest.approx([far[damage]] * 2, abs=1e-4)
+        assert rolled.paths[0].position[-1, 1] == pytest.approx(far[damage], abs=1e-4)
+        env.close()
+        envs.close()
+    assert far["gyro_x:bias=0.1@1.1"] == far["none"] > 0.5
+    assert far["left_pectoral:missing@1.1"] > 0.9 * far["none"]
+
+
+def test_a_term_of_the_reward_has_a_name_of_its_own_in_info() -> None:
+    said = "reward_terms must have other names than info has, such as reward_faults; got faults"
+    for make in (
+        lambda: AquaFishEnv(task=Once("faults"), engine="numba"),
+        lambda: AquaFishVectorEnv(2, task=Once("faults")),
+    ):
+        with pytest.raises(InvalidArgumentError, match=said):
+            make().reset(seed=0)
 
 
 def test_a_task_that_remembers_too_little_is_refused() -> None:

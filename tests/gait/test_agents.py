@@ -216,6 +216,45 @@ def test_as_many_episodes_as_a_batch_has_robots() -> None:
         evaluate(Acting(), gym.make("AquaFish-v0", engine="numba"))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+def test_a_batch_that_begins_again_within_a_step_is_refused(mode: str) -> None:
+    """The end of its episodes would be read from the next ones."""
+    with pytest.raises(InvalidArgumentError, match=f'must be "NextStep"; got {mode!r}'):
+        evaluate(Acting(), episodes=2, autoreset_mode=mode, max_episode_steps=3)
+
+
+@pytest.mark.parametrize("kind", ["sync", "async"])
+def test_a_batch_of_gymnasium_is_played_as_our_own(kind: str) -> None:
+    options: Any = {"max_episode_steps": 6, "frame_skip": 20}
+    controller = random_controller(20)
+    envs = gym.make_vec("AquaFish-v0", 2, vectorization_mode=kind, engine="numba", **options)
+    try:
+        found = evaluate(controller, envs)
+        timed = evaluate(lambda _, time: (0.2, -0.4, min(time, 1.0)), envs)
+    finally:
+        envs.close()
+    own = evaluate(controller, episodes=2, dtype="float64", **options)
+    np.testing.assert_allclose(found.y_position, own.y_position, atol=1e-6)
+    assert timed.returns.shape == (2,)
+
+
+@pytest.mark.parametrize("observe_fins", [False, True, "reckoned"])
+def test_a_controller_that_senses_a_goal_is_refused_where_there_is_none(
+    observe_fins: bool | str,
+) -> None:
+    senses = Senses(goal=True)
+    weights = np.hstack([np.full((3, len(senses.names())), 0.1), np.zeros((3, 3))])
+    body = Morphology.nominal()
+    seeking = Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0, senses=senses)
+    options: Any = {
+        "max_episode_steps": 3, "observe_fins": observe_fins, "episodes": 2, "frame_skip": 5
+    }  # fmt: skip
+    said = r"the way to the goal|must have shape \(2, 12 or more\)"
+    with pytest.raises(InvalidArgumentError, match=said):
+        evaluate(seeking, **options)
+    assert evaluate(seeking, "AquaFishWaypoint-v0", **options).returns.shape == (2,)
+
+
 def random_controller(interval: int) -> Controller:
     """Return a random linear controller that also senses its fins."""
     senses = Senses(fins=True)

@@ -42,6 +42,15 @@ def test_bodies_and_broken_fins_follow_the_damage() -> None:
     assert (found.bodies[:, :6] == NOMINAL.to_array()[:6]).all()
 
 
+def test_a_servo_that_follows_late_is_broken() -> None:
+    damage = Damage.parse("left_pectoral:delay=0.1@0.5; caudal:hold=0.2")
+    still = swim(lambda _observation, _time: (0, 0, 0), NOMINAL, engine="numba", seconds=1)
+    found = filmed("", still, NOMINAL, damage)
+    assert (found.broken[:, 0] == (still.time > 0.49)).all()
+    assert not found.broken[:, 1].any()
+    assert found.broken[:, 2].all()
+
+
 def test_one_controller_swims_with_several_damages(
     controller_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,3 +111,20 @@ def test_a_film_begins_where_the_controller_believes_its_fins_to_be(controller_f
         feeling, episodes=1, damage=damage, fin_angles="zero", frame_skip=20, dtype="float64"
     )
     assert swum == pytest.approx(played.y_position[-1, 0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "damage", ["left_pectoral:delay=0.3", "caudal:hold=0.25", "gyro:delay=0.3", "gyro_y:stuck@0.6"]
+)
+def test_a_film_counts_delays_in_actions_as_a_swim_does(damage: str) -> None:
+    """An action is held for 20 steps here, of which a film shows every fifth."""
+    senses = Senses()
+    inputs = np.random.default_rng(1).normal(size=(3, len(senses.names())))
+    weights = np.hstack([inputs, np.zeros((3, 3))])
+    seeing = Controller(
+        weights, np.zeros(3), np.ones(3), 0.7, NOMINAL, 0, senses=senses, interval=20
+    )
+    film = Film((), seconds=4.0, engine="numba")
+    swum = film._swim(0, seeing, None, Damage.parse(damage), "").position[-1]
+    alone = swim(seeing, NOMINAL, damage=damage, engine="numba", seconds=4.0)
+    assert swum.tolist() == alone.position[-1].tolist()
