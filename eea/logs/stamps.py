@@ -21,6 +21,11 @@ LONGEST_BUNCH_WAITS = 2.0  # longest bunch, as a multiple of the wait
 PACKET_BUNCH_WAITS = 0.5  # bunches above this multiple of the wait are nearly even
 FEWEST_BUNCHES = 4  # least number of bunches in a row
 FEWEST_ROWS_PER_BUNCH = 1.5  # rows per bunch, on average
+# Rows that are missing by chance leave steps of one tick, two, three ..., each this share of the
+# ones before or more: the share of rows that are lost. Packets have hardly any of three ticks.
+LEAST_THINNED_SHARE = 0.1
+TICK_TOLERANCE = 0.1  # of a tick, for a step of whole ticks; most steps are
+MOST_TICKS = 1000
 # quantile of a signal's squared changes, which selects the fastest motion
 FAST_MOTION_QUANTILE = 0.9
 # Packets are missing if most of this number in a row are late; a single one may be late.
@@ -46,8 +51,8 @@ class Bunches(NamedTuple):
 def bunches_of(time: Floats, resolution: float) -> list[Bunches]:
     """Return the stretches of a trial's times (T,), s, that come in bunches.
 
-    Neither a gap nor a change of rate makes bunches. A wait of at most half the ``resolution``, s,
-    such as a simulator's step, does not count.
+    Neither a gap nor a change of rate makes bunches, nor do rows of an even clock of which some are
+    lost. A wait of at most half the ``resolution``, s, such as a simulator's step, does not count.
 
     Examples
     --------
@@ -61,7 +66,7 @@ def bunches_of(time: Floats, resolution: float) -> list[Bunches]:
     steps = np.diff(time)
     near = np.minimum(np.append(np.inf, steps[:-1]), np.append(steps[1:], np.inf))
     waits = np.flatnonzero((steps > BUNCH_GAP_RATIO * near) & (steps > 0.5 * resolution))
-    if len(waits) < FEWEST_BUNCHES - 1:
+    if len(waits) < FEWEST_BUNCHES - 1 or _thinned(steps):
         return []
     starts = np.append(0, waits + 1)
     ends = np.append(waits, len(time) - 1)
@@ -76,6 +81,21 @@ def bunches_of(time: Floats, resolution: float) -> list[Bunches]:
             loose = bool(long or np.median(wait[begin:end]) < resolution)
             found.append(Bunches(starts[begin:end], int(ends[end - 1]), loose))
     return found
+
+
+def _thinned(steps: Floats) -> bool:
+    """Return whether steps between rows are those of an even clock that lost rows by chance."""
+    shortest = np.quantile(steps, 0.1)
+    if shortest <= 0.0:
+        return False
+    tick = np.median(steps[np.abs(steps - shortest) < 0.5 * shortest])
+    ticks = steps / tick
+    whole = np.rint(ticks)
+    if np.mean(np.abs(ticks - whole) < TICK_TOLERANCE) < 0.95:
+        return False
+    counts = np.bincount(whole.clip(0, MOST_TICKS).astype(np.intp), minlength=5)
+    fewer = counts[2:4] >= LEAST_THINNED_SHARE * counts[1:3]
+    return bool(fewer.all() and counts[4:].max() <= counts[2])
 
 
 def even_times(

@@ -16,7 +16,7 @@ from eea.fish.known import known_body
 from eea.fish.log_changes import LogChange
 from eea.fish.swim_log import new_readings, restamped
 from eea.fish.windows import MOST_UNKNOWN_CHANGES, log_windows
-from eea.logs.stamps import bunches_of
+from eea.logs.stamps import bunches_of, even_times
 from fish_swims import together
 
 BODY = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
@@ -130,6 +130,25 @@ def test_packets_that_no_log_can_hold_are_named(size):
     stamps = arrivals(time, size, 0.0 if size == 4 else 1e-4)
     with pytest.raises(InvalidArgumentError, match=r"row \d+: time .*bunches.*: restamp the rows"):
         swim(time, stamps=stamps)
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.42, 0.5, 0.6, 0.75, 0.9])
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_rows_that_are_lost_by_chance_leave_no_bunches(kept, jitter):
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        time = 0.01 * np.flatnonzero(rng.random(800) < kept)
+        time += jitter * np.clip(rng.normal(size=len(time)), -2.0, 2.0)
+        assert bunches_of(time, 0.01) == []
+        signal = np.sin(3.0 * time)[:, None] + rng.normal(0.0, 0.01, (len(time), 1))
+        assert even_times(time, signal, 0.01, 0.25, str)[1] == []
+
+
+def test_packets_stamped_in_whole_milliseconds_are_bunches():
+    """Their steps are whole, too: of one and of two milliseconds, and then of a wait."""
+    rng = np.random.default_rng(3)
+    packets = 0.04 * np.arange(100)[:, None] + 0.001 * np.cumsum(rng.integers(1, 3, (100, 4)), 1)
+    assert sum(len(found.starts) for found in bunches_of(packets.ravel(), 0.01)) == 100
 
 
 def test_gaps_and_changes_of_rate_are_no_bunches():
