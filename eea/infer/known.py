@@ -20,6 +20,9 @@ and a new member of a new group lies about the mean of the n groups with the var
 variance (1 + 1/m) within. Few groups, or members, tell little of their spread: it is Student's t,
 for which a normal distribution of the same 90% interval stands.
 
+What an answer tells of one log holds for another log of the same robot up to the spread of both:
+twice the variance of a new member.
+
 **Following.** Window by window of a log, what is known is a normal distribution of the shares of
 all common numbers. A window's best fit, with that as its prior, and the information there are what
 is known next. A window that fails the test is left out: something may have changed in its midst. If
