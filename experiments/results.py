@@ -218,7 +218,7 @@ RESULTS: dict[str, Result] = {
             *(f"figures/{name}.png" for name in _STUDY),
         ),
         golden=(*_RUNS, "run ideal", "study"),
-        cpu_minutes=170,
+        cpu_minutes=180,
         smallest="--preset smoke --replicates 2 --rounds 2",
     ),
     "method": Result(

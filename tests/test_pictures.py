@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from aquafish_gym.rendering.pictures import encode_figure, new_figure
+
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def test_a_png_of_few_colours_is_small_and_looks_the_same() -> None:
@@ -31,3 +34,10 @@ def test_a_png_of_few_colours_is_small_and_looks_the_same() -> None:
         )
     assert off.mean() < 0.004
     assert np.quantile(off, 0.99) < 0.08
+
+
+def test_committed_pictures_are_at_most_150_kb() -> None:
+    """They are in every clone. Sphinx copies them to _build."""
+    pictures = [one for one in DOCS.rglob("*.png") if "_build" not in one.parts]
+    assert len(pictures) > 30
+    assert [one for one in pictures if one.stat().st_size > 150_000] == []
