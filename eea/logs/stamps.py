@@ -85,7 +85,7 @@ def bunches_of(time: Floats, resolution: float) -> list[Bunches]:
 
 def _thinned(steps: Floats) -> bool:
     """Return whether steps between rows are those of an even clock that lost rows by chance."""
-    shortest = np.quantile(steps, 0.1)
+    shortest = np.quantile(steps, 0.1, method="lower")
     if shortest <= 0.0:
         return False
     tick = np.median(steps[np.abs(steps - shortest) < 0.5 * shortest])

@@ -151,6 +151,12 @@ def test_packets_stamped_in_whole_milliseconds_are_bunches():
     assert sum(len(found.starts) for found in bunches_of(packets.ravel(), 0.01)) == 100
 
 
+def test_one_short_step_in_ten_is_no_clock_of_its_own():
+    """No step has the length of the tenth quantile, between the short and the long ones."""
+    steps = np.where(np.arange(56) % 10 < 1, 1e-4, 0.01)
+    assert bunches_of(np.append(0.0, np.cumsum(steps)), 0.01) == []
+
+
 def test_gaps_and_changes_of_rate_are_no_bunches():
     fast, slow = at_rate(1000, 4.0), 4.0 + at_rate(50, 4.0)[1:]
     holes = np.ones(len(fast), dtype=bool)
