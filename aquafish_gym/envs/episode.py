@@ -21,7 +21,7 @@ from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, square_root
 from aquafish_gym.plans import AQUAFISH, BodyPlan, PlanLike, check_plan
-from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import LATE_FIELDS, TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
 from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import (
@@ -191,9 +191,13 @@ def motion_info(position: Vector, velocity: Vector) -> dict[str, Any]:
     }
 
 
+#: Of late channels, of tasks with success, and of batches that begin again within a step.
+SOMETIMES_IN_INFO = frozenset((*LATE_FIELDS, "is_success", "final_info", "final_obs"))
+
+
 def refuse_reserved(terms: Mapping[str, Any], info: Mapping[str, Any]) -> None:
     """Refuse terms of a reward that are called like what ``info`` says anyway."""
-    if clash := terms.keys() & info.keys():
+    if clash := terms.keys() & (info.keys() | SOMETIMES_IN_INFO):
         raise InvalidArgumentError(
             f"reward_terms must have other names than info has, such as reward_{min(clash)}; "
             f"got {min(clash)}"

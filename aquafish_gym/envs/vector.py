@@ -240,7 +240,8 @@ class AquaFishVectorEnv(
         if type(self.task).current is not Task.current:
             water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
-            for axis, speed in enumerate(water):
+            x, y, z = water
+            for axis, speed in enumerate((x, y, z)):
                 self._water[:, axis] = speed
             self._swimmers.set_current(self._water)
         if self.task is not self._known_task:

@@ -352,11 +352,10 @@ class Known:
         learned = answer.learned
         if learned is None or learned.spread is None:
             return known
-        assert known.robot.prior is not None
         spread = learned.spread.of(learned.robot, known.robot)
         return replace(
             known,
-            robot=replace(known.robot, prior=_of_another_log(known.robot.prior, spread)),
+            robot=replace(known.robot, prior=_of_another_log(known.robot, spread)),
             misfits=learned.misfits,
             findings=learned.findings,
             spread=spread,
@@ -465,10 +464,16 @@ class Known:
         return Noise(np.full(channels, self.sigma), np.zeros(channels))
 
 
-def _of_another_log(known: Prior, spread: Prior) -> Prior:
-    """Return what the numbers known of a log tell of another, which differs by two logs' spread."""
+def _of_another_log(robot: RobotModel, spread: Prior) -> Prior:
+    """Return what the numbers known of a log tell of another, which differs by two logs' spread.
+
+    What a hypothesis has fixed does not differ.
+    """
+    known = robot.prior
+    assert known is not None
     covariance = known.covariance.copy()
-    names = [name for name in known.names if name in spread.names]
+    free = set(spread.names) - set(robot.nominal.fixed)
+    names = [name for name in known.names if name in free]
     into = [known.names.index(name) for name in names]
     of = [spread.names.index(name) for name in names]
     covariance[np.ix_(into, into)] += 2.0 * spread.covariance[np.ix_(of, of)]

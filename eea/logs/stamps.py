@@ -24,7 +24,7 @@ FEWEST_ROWS_PER_BUNCH = 1.5  # rows per bunch, on average
 # Rows that are missing by chance leave steps of one tick, two, three ..., each this share of the
 # ones before or more: the share of rows that are lost. Packets have hardly any of three ticks.
 LEAST_THINNED_SHARE = 0.1
-TICK_TOLERANCE = 0.1  # of a tick, for a step of whole ticks; most steps are
+TICK_TOLERANCE = 0.25  # of a tick, for a step of whole ticks; most steps are
 MOST_TICKS = 1000
 # quantile of a signal's squared changes, which selects the fastest motion
 FAST_MOTION_QUANTILE = 0.9

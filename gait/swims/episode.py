@@ -57,10 +57,9 @@ def transitions(
     """
     if isinstance(env, VectorEnv):
         mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-        if mode is not AutoresetMode.NEXT_STEP:
-            raise InvalidArgumentError(
-                f'autoreset_mode of env must be "NextStep"; got {getattr(mode, "value", mode)!r}'
-            )
+        name = getattr(mode, "value", mode)
+        if name != AutoresetMode.NEXT_STEP.value:
+            raise InvalidArgumentError(f'autoreset_mode of env must be "NextStep"; got {name!r}')
     over: Any = np.False_
     while not np.all(over):
         action = act(observation)

@@ -236,6 +236,13 @@ def test_a_trial_that_is_there_twice_is_refused_and_a_part_of_another_said():
 
     with pytest.raises(InvalidArgumentError, match="each there once; trial 1 and trial 7 are the"):
         log_windows(after(slice(None), commands))
+    part, same = after(slice(30), commands), after(slice(None), commands)
+    both = SwimLog(
+        *(np.concatenate([vars(part)[n], vars(same)[n]]) for n in ("time", "gyro", "commands")),
+        np.concatenate([part.trial + 20, same.trial]),
+    )
+    with pytest.raises(InvalidArgumentError, match="are the same"):
+        log_windows(both)
     said = "trial 1 and trial 7 have samples in common, which count twice"
     assert any(one.startswith(said) for one in log_windows(after(slice(30), commands)).remarks)
     assert any(

@@ -151,11 +151,26 @@ def test_the_water_of_a_task_stays_as_it_is_when_something_breaks(engine: str) -
     assert far["left_pectoral:missing@1.1"] > 0.9 * far["none"]
 
 
-def test_a_term_of_the_reward_has_a_name_of_its_own_in_info() -> None:
-    said = "reward_terms must have other names than info has, such as reward_faults; got faults"
+def test_the_water_of_a_task_has_three_numbers() -> None:
+    class Flat(Once):
+        def current(self, memory: Any, seconds: Any) -> Any:  # noqa: ARG002
+            return (0.1, 0.2)
+
+    for env, action in (
+        (AquaFishEnv(task=Flat(), engine="numba"), np.zeros(3)),
+        (AquaFishVectorEnv(2, task=Flat()), np.zeros((2, 3))),
+    ):
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match="not enough values to unpack"):
+            env.step(action)
+
+
+@pytest.mark.parametrize("name", ["faults", "servo_delay", "is_success"])
+def test_a_term_of_the_reward_has_a_name_of_its_own_in_info(name: str) -> None:
+    said = f"reward_terms must have other names than info has, such as reward_{name}; got {name}"
     for make in (
-        lambda: AquaFishEnv(task=Once("faults"), engine="numba"),
-        lambda: AquaFishVectorEnv(2, task=Once("faults")),
+        lambda: AquaFishEnv(task=Once(name), engine="numba"),
+        lambda: AquaFishVectorEnv(2, task=Once(name)),
     ):
         with pytest.raises(InvalidArgumentError, match=said):
             make().reset(seed=0)

@@ -221,6 +221,9 @@ def test_a_batch_that_begins_again_within_a_step_is_refused(mode: str) -> None:
     """The end of its episodes would be read from the next ones."""
     with pytest.raises(InvalidArgumentError, match=f'must be "NextStep"; got {mode!r}'):
         evaluate(Acting(), episodes=2, autoreset_mode=mode, max_episode_steps=3)
+    envs = gym.make_vec("AquaFish-v0", 2, max_episode_steps=3)
+    envs.unwrapped.metadata = envs.metadata | {"autoreset_mode": "NextStep"}  # as others name it
+    assert evaluate(Acting(), envs).returns.shape == (2,)
 
 
 @pytest.mark.parametrize("kind", ["sync", "async"])
