@@ -164,7 +164,7 @@ def to_arrays(posterior: Answer) -> dict[str, NDArray[Any]]:
         header["learned"] = {
             "misfits": np.asarray(learned.misfits).tolist(),
             "findings": learned.findings,
-            "spread": learned.spread and _listed(vars(learned.spread)),
+            "spread": _listed(vars(learned.spread)),
         }
     return {
         "header": np.frombuffer(json.dumps(header).encode(), np.uint8),

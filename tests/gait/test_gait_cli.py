@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from aquafish_gym.bodies import read_bodies, write_bodies
@@ -16,7 +18,10 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import compiling
 from gait.__main__ import main
+from gait.cli import _result_text
 from gait.controllers.controller import Controller
+from gait.search.config import EvolveConfig
+from gait.search.evolve import Evolved
 from gait_fakes import contents, make_controller, read_history
 
 QUICK = ["--paper", "--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
@@ -131,3 +136,15 @@ def test_baseline_learns_and_is_transferred(
     arguments = ["--controller", str(out / "controller.json"), "--poses", "1", "--seconds", "1"]
     assert main(["transfer", *arguments]) == 0
     assert "native" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("task", "said"),
+    [
+        ("forward", "swims 2.50 units in 20 s on the mean over the zero pose and 32 random ones"),
+        ("return", "earns 2.50 in 60 s on the mean over the zero pose and 32 random ones"),
+    ],
+)
+def test_what_evolve_found_is_said_in_the_terms_of_its_task(task: Any, said: str) -> None:
+    found = Evolved(make_controller(), 2.5, (), np.array([2.5]))
+    assert _result_text(found, EvolveConfig(task=task)) == said
